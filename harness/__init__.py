@@ -1,0 +1,1 @@
+"""Record, replay, judge, measure, store; and the command line."""

@@ -1,0 +1,5 @@
+"""Physics → quadratic programs: bodies, contacts, the stepper and its scenes."""
+
+from problems.qp import ContactQP, Solution, Status
+
+__all__ = ["ContactQP", "Solution", "Status"]

@@ -1,0 +1,293 @@
+"""The quadratic program of one time step, and the answer that a solver gives to it.
+
+Every QP of the project has the form (Lötstedt 1984, (3.2), (3.15), (4.6))
+
+    minimise  ½ ‖A x + d‖²   subject to   lower ≤ x ≤ upper
+
+with A = D⁻ᵀG, M = DᵀD, so that x holds the multipliers λ of the contacts.  At the optimum
+
+    residual r = A x + d,     gradient Δ = Aᵀ r,     q̇_n = (h/α₀) D⁻¹ r.
+
+x is not unique where A lacks full column rank; A x is (proposition 3), and with it Gλ and the
+motion.  Friction impulses (2.14) are posed by the generators V of their cones, Λ = V c with c ≥ 0:
+then the `A` that is stored here is D⁻ᵀG V and `x` is c.
+
+Types in this module are frozen and own read-only arrays; they are safe to share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
+from enum import Enum
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike, NDArray
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64] | sp.csc_array
+
+KINDS = ("step", "iteration", "corrector", "impulse", "minimum_norm")
+"""What a QP is for: a time step (3.2), (4.6); a pass of the functional iteration (3.9); a pass of
+the friction correction; an impulse (2.14); the minimum-norm multipliers (4.8)."""
+
+FEATURE_FIELDS = ("corner_body", "corner", "edge_body", "edge", "direction")
+"""Columns of `ContactQP.feature`.  A body of −1 is the ground (or none).  `direction` is 0 for a
+normal, 1 for a tangent, 2, 3, … for the generators of a friction impulse."""
+
+AT_LOWER, FREE, AT_UPPER, PASSIVE = -1, 0, 1, 2
+"""Members of a working set: X at the lower bound (or fixed), F, X at the upper bound, and P."""
+
+
+def _frozen(name: str, value: ArrayLike, dtype: type = np.float64) -> NDArray[Any]:
+    """Copy of `value` as a read-only C array; NaN is refused."""
+    array = np.array(value, dtype=dtype, order="C")
+    if dtype is np.float64 and np.isnan(array).any():
+        where = np.argwhere(np.isnan(array))[0].tolist()
+        raise ValueError(f"{name} holds NaN at index {where}; remove it before posing the QP")
+    array.setflags(write=False)
+    return array
+
+
+def _frozen_matrix(value: Any) -> Matrix:
+    if not sp.issparse(value):
+        A = _frozen("A", value)
+        if A.ndim != 2:
+            raise ValueError(f"A must be a matrix (m, k); got shape {A.shape}")
+        if not np.isfinite(A).all():
+            raise ValueError("A holds an infinity; all its entries must be finite")
+        return A
+    A = sp.csc_array(value, dtype=np.float64, copy=True)
+    A.sum_duplicates()
+    A.sort_indices()
+    if not np.isfinite(A.data).all():
+        raise ValueError("A holds NaN or an infinity; all its entries must be finite")
+    for part in (A.data, A.indices, A.indptr):
+        part.setflags(write=False)
+    return A
+
+
+@dataclass(frozen=True, eq=False)
+class ContactQP:
+    """minimise ½‖A x + d‖² subject to lower ≤ x ≤ upper, with where it came from.
+
+    A : (m, k) dense or SciPy sparse (kept as CSC)      D⁻ᵀG, or D⁻ᵀG V for an impulse
+    d : (m,)                                            D c_n / h_n
+    lower, upper : (k,)    ±inf allowed; equal entries are a fixed row
+    row_id : (k,) int64    the identity of a row along a sequence; warm starts are looked up by it
+    feature : (k, 5) int64 which corner and edge carry the row, see `FEATURE_FIELDS`
+    D : (m,)               diagonal of D, M = DᵀD
+    generators : (l, k)    V with Λ = V x, or None: x are the multipliers themselves
+    kind : one of `KINDS`
+    accepted : False if the step that posed it was rejected or cut short by an event
+    restart : True for the first QP after a discontinuity, where a warm start means nothing
+    t, h, alpha0 : end of the step [s], its length [s] and α₀ of its BDF formula
+    eps0 : the accuracy in ‖A δx‖ that the stepper asks for (3.13)
+
+    Raises ValueError, naming the field, for NaN, wrong shapes, lower > upper or an unknown kind.
+    """
+
+    A: Matrix
+    d: Vector
+    lower: Vector
+    upper: Vector
+    row_id: NDArray[np.int64] = None  # type: ignore[assignment]
+    feature: NDArray[np.int64] = None  # type: ignore[assignment]
+    D: Vector = None  # type: ignore[assignment]
+    generators: Vector | None = None
+    kind: str = "step"
+    accepted: bool = True
+    restart: bool = False
+    t: float = 0.0
+    h: float = 1.0
+    alpha0: float = 1.0
+    eps0: float = 1e-9
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        put(self, "A", _frozen_matrix(self.A))
+        m, k = self.A.shape
+        if self.row_id is None:
+            put(self, "row_id", np.arange(k))
+        if self.feature is None:
+            put(self, "feature", np.full((k, len(FEATURE_FIELDS)), -1))
+        if self.D is None:
+            put(self, "D", np.ones(m))
+        shapes: dict[str, tuple[tuple[int, ...], type]] = {
+            "d": ((m,), np.float64),
+            "lower": ((k,), np.float64),
+            "upper": ((k,), np.float64),
+            "row_id": ((k,), np.int64),
+            "feature": ((k, len(FEATURE_FIELDS)), np.int64),
+            "D": ((m,), np.float64),
+        }
+        for name, (shape, dtype) in shapes.items():
+            array = _frozen(name, getattr(self, name), dtype)
+            if array.shape != shape:
+                raise ValueError(
+                    f"A has shape {(m, k)}, so {name} needs shape {shape}; got {array.shape}"
+                )
+            put(self, name, array)
+        self._check_values(k)
+
+    def _check_values(self, k: int) -> None:
+        if not np.isfinite(self.d).all():
+            raise ValueError("d holds an infinity; all its entries must be finite")
+        crossed = np.flatnonzero(self.lower > self.upper)
+        if crossed.size:
+            i = crossed[0]
+            raise ValueError(
+                f"lower[{i}] = {self.lower[i]:g} exceeds upper[{i}] = {self.upper[i]:g}"
+            )
+        if (self.lower == np.inf).any() or (self.upper == -np.inf).any():
+            raise ValueError("lower may not be +inf and upper may not be -inf")
+        if np.unique(self.row_id).size != k:
+            raise ValueError("row_id holds a number twice; rows of one QP need distinct ids")
+        if not (np.isfinite(self.D).all() and (self.D > 0).all()):
+            raise ValueError("D must be positive and finite")
+        if self.kind not in KINDS:
+            raise ValueError(f"kind {self.kind!r} is unknown; choose one of {', '.join(KINDS)}")
+        for name in ("t", "h", "alpha0", "eps0"):
+            value = float(getattr(self, name))
+            if not np.isfinite(value) or (name != "t" and value <= 0):
+                raise ValueError(f"{name} = {value:g}; it must be finite and (t apart) positive")
+            object.__setattr__(self, name, value)
+        if self.generators is not None:
+            V = _frozen("generators", self.generators)
+            if V.ndim != 2 or V.shape[1] != k:
+                raise ValueError(f"generators must have shape (l, {k}); got {V.shape}")
+            object.__setattr__(self, "generators", V)
+
+    @property
+    def m(self) -> int:
+        """Number of rows of A: coordinates of the bodies."""
+        return int(self.A.shape[0])
+
+    @property
+    def k(self) -> int:
+        """Number of columns of A: unknown multipliers."""
+        return int(self.A.shape[1])
+
+    @cached_property
+    def dense_A(self) -> Vector:
+        """A as a dense, read-only C array."""
+        return _frozen("A", self.A.toarray()) if sp.issparse(self.A) else self.A  # type: ignore
+
+    def residual(self, x: ArrayLike) -> Vector:
+        """r = A x + d, so that q̇_n = (h/α₀) D⁻¹ r (3.1b)."""
+        return np.asarray(self.A @ np.asarray(x, float) + self.d)
+
+    def gradient(self, x: ArrayLike) -> Vector:
+        """Δ = Aᵀ(A x + d), so that G_nᵀ q̇_n = (h/α₀) Δ."""
+        return np.asarray(self.A.T @ self.residual(x))
+
+    def objective(self, x: ArrayLike) -> float:
+        """½‖A x + d‖²."""
+        r = self.residual(x)
+        return 0.5 * float(r @ r)
+
+    def multipliers(self, x: ArrayLike) -> Vector:
+        """λ (or Λ = V x where the QP is posed by generators)."""
+        x = np.asarray(x, float)
+        return x.copy() if self.generators is None else self.generators @ x
+
+    def with_accuracy(self, eps0: float) -> ContactQP:
+        """The same QP, to be solved to ‖A δx‖ ≤ eps0."""
+        return replace(self, eps0=eps0)
+
+
+class Status(Enum):
+    """How a solve ended, by the solver's own word.  The value says what to do about it."""
+
+    SOLVED = "solved"
+    INACCURATE = "stopped short of the accuracy asked; allow more iterations or ask for less"
+    ITERATION_LIMIT = "the iteration cap was reached; raise it"
+    TIME_LIMIT = "the time limit was reached; raise it"
+    INFEASIBLE = "claims that no x meets the bounds, which is never so here; distrust the scaling"
+    UNBOUNDED = "claims an unbounded objective, which is never so here; distrust the scaling"
+    FAILED = "the solver gave up; its own words are kept in status_text"
+
+
+@dataclass(frozen=True)
+class WorkCounts:
+    """Exact, deterministic counts of the work of one solve by the paper's method."""
+
+    descent_directions: int = 0
+    working_set_changes: int = 0
+    qr_factorizations: int = 0
+    qr_updates: int = 0
+    cg_iterations: int = 0
+    flops: int = 0
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Seconds spent building the package's form, setting it up or updating it, and solving."""
+
+    build: float = 0.0
+    setup: float = 0.0
+    solve: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Answer to a `ContactQP`.
+
+    x : (k,) float64 or None when there is no answer at all
+    working_set : (k,) int8 in {AT_LOWER, FREE, AT_UPPER, PASSIVE}
+    row_id : (k,) int64, of the QP that was solved
+    status, status_text : the solver's claim, and the package's own words
+    iterations : the solver's own count
+    work : `WorkCounts` where the solver keeps them, else None
+    timing : `Timing`
+    memory : whatever the solver wants back at the next solve; serves one successor, never stored
+    """
+
+    x: Vector | None
+    row_id: NDArray[np.int64]
+    status: Status
+    working_set: NDArray[np.int8]
+    iterations: int = 0
+    status_text: str = ""
+    work: WorkCounts | None = None
+    timing: Timing = field(default_factory=Timing)
+    memory: Any = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+
+    @property
+    def found(self) -> bool:
+        """Whether the solver claims success."""
+        return self.status is Status.SOLVED
+
+
+def working_set_of(qp: ContactQP, x: ArrayLike, tolerance: float = 0.0) -> NDArray[np.int8]:
+    """Working set read off x: at a bound within `tolerance`, else free.  (k,) int8."""
+    x = np.asarray(x, float)
+    members = np.full(qp.k, FREE, dtype=np.int8)
+    members[x >= qp.upper - tolerance] = AT_UPPER
+    members[x <= qp.lower + tolerance] = AT_LOWER
+    return members
+
+
+def positions_of(row_id: ArrayLike, previous: ArrayLike) -> NDArray[np.int64]:
+    """For each entry of `row_id` its position in `previous`, or −1 where it is new.  (k,) int64."""
+    row_id, previous = np.asarray(row_id, np.int64), np.asarray(previous, np.int64)
+    if previous.size == 0:
+        return np.full(row_id.size, -1, dtype=np.int64)
+    order = np.argsort(previous, kind="stable")
+    place = np.minimum(np.searchsorted(previous, row_id, sorter=order), previous.size - 1)
+    found = order[place]
+    return np.where(previous[found] == row_id, found, -1).astype(np.int64)
+
+
+def stack_columns(columns: Sequence[Vector], m: int) -> Vector:
+    """Columns side by side as an (m, k) C array; (m, 0) for none."""
+    return np.column_stack(columns) if len(columns) else np.zeros((m, 0))

@@ -1,0 +1,1 @@
+"""Stored results → tables, figures and a page.  Runs no solver."""

@@ -1,0 +1,1 @@
+"""Off-the-shelf and simple backends, one file per package."""

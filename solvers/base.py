@@ -1,0 +1,176 @@
+"""What a solver is: immutable settings and one method, `solve(qp, start=None) → Solution`.
+
+A solver of the project is a frozen dataclass that derives from `Solver` and fills in four stages:
+
+    build   A, d, bounds → arrays in the package's own form          (timed as build)
+    setup   a fresh native object, or an update of the previous one  (timed as setup)
+    run     the package's own call and nothing else                  (timed as solve)
+    read    the package's answer → x, status, iterations             (not timed)
+
+`solve` drives them with a clock read between each, so that wrapper work is never counted as the
+package's.  There is no hidden state: what a solver wants to remember travels in `Solution.memory`
+and comes back, mapped by `row_id`, as a `Start`.
+"""
+
+from __future__ import annotations
+
+import abc
+import time
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from problems.qp import (
+    FREE,
+    ContactQP,
+    Solution,
+    Status,
+    Timing,
+    Vector,
+    WorkCounts,
+    positions_of,
+    working_set_of,
+)
+
+Form = Literal["least_squares", "normal", "residual", "velocity"]
+"""How a backend is posed the QP: min ½‖Ax+d‖² directly; P = AᵀA, which squares the condition;
+min ½‖y‖² with y = A x + d as rows; or the strictly convex velocity problem (3.4)."""
+
+
+class Unsupported(Exception):
+    """A QP that a solver cannot take, with the reason; the harness records it as skipped."""
+
+
+class Start(NamedTuple):
+    """An earlier solution, mapped by `row_id` onto the rows of today's QP.
+
+    x : (k,) old x clipped to today's bounds; new rows start at the bound nearest to 0
+    working_set : (k,) int8, FREE for new rows
+    previous : (k,) int64, position of each row in the old QP or −1
+    same_rows : the rows are the same ones in the same order
+    memory : what the solver left in `Solution.memory`
+    """
+
+    x: Vector
+    working_set: NDArray[np.int8]
+    previous: NDArray[np.int64]
+    same_rows: bool
+    memory: Any
+
+
+class Answer(NamedTuple):
+    """What `read` makes of a package's result."""
+
+    x: Vector | None
+    status: Status
+    iterations: int = 0
+    status_text: str = ""
+    working_set: NDArray[np.int8] | None = None
+    work: WorkCounts | None = None
+    memory: Any = None
+
+
+def carry_over(start: Solution | None, qp: ContactQP) -> Start | None:
+    """Map an earlier solution onto the rows of `qp` by `row_id`; None where there is nothing."""
+    if start is None or start.x is None or not np.isfinite(start.x).all():
+        return None
+    previous = positions_of(qp.row_id, start.row_id)
+    known = previous >= 0
+    x = np.zeros(qp.k)
+    x[known] = start.x[previous[known]]
+    members = np.full(qp.k, FREE, dtype=np.int8)
+    members[known] = start.working_set[previous[known]]
+    same_rows = previous.size == start.row_id.size and bool(
+        np.array_equal(previous, np.arange(previous.size))
+    )
+    return Start(np.clip(x, qp.lower, qp.upper), members, previous, same_rows, start.memory)
+
+
+@dataclass(frozen=True)
+class Solver(abc.ABC):
+    """Immutable settings of one QP method.
+
+    accuracy : absolute in ‖A δx‖ like ε₀ in (3.13); None: each QP's own `eps0`;
+        "default": the package's default tolerances, whatever they mean
+    """
+
+    accuracy: float | Literal["default"] | None = None
+
+    name: ClassVar[str]
+    """Name on the command line and in tables."""
+    package: ClassVar[str] = ""
+    """Distribution that does the work, for its version; empty for our own."""
+    form: ClassVar[Form] = "normal"
+    warm_start: ClassVar[str] = "none"
+    """What a warm start carries: "none", "x", "x and y", "working set", "factorisation", …"""
+    regularisation: ClassVar[str] = "none"
+    """Anything that the adapter or the package's required settings add to the problem."""
+
+    def __post_init__(self) -> None:
+        if self.accuracy is None or self.accuracy == "default":
+            return
+        if not (isinstance(self.accuracy, (int, float)) and 0 < self.accuracy < np.inf):
+            raise ValueError(
+                f"accuracy = {self.accuracy!r}; give a positive number in ‖A δx‖, "
+                'None for each QP\'s own eps0, or "default" for the package\'s tolerances'
+            )
+
+    def asked(self, qp: ContactQP) -> float | None:
+        """Accuracy asked for this QP in ‖A δx‖, or None for the package's defaults."""
+        if self.accuracy == "default":
+            return None
+        return qp.eps0 if self.accuracy is None else float(self.accuracy)
+
+    @abc.abstractmethod
+    def build(self, qp: ContactQP, start: Start | None) -> Any:
+        """Bring A, d and the bounds into the package's form."""
+
+    @abc.abstractmethod
+    def setup(self, problem: Any, asked: float | None, start: Start | None) -> Any:
+        """Make the package's native object, or update the one in `start.memory`."""
+
+    @abc.abstractmethod
+    def run(self, native: Any) -> Any:
+        """The package's own solve call and nothing else."""
+
+    @abc.abstractmethod
+    def read(self, qp: ContactQP, native: Any, result: Any) -> Answer:
+        """Turn the package's result into an `Answer`."""
+
+    def solve(self, qp: ContactQP, start: Solution | None = None) -> Solution:
+        """Solve `qp`, warm from `start` (an earlier Solution of this solver) or cold.
+
+        Raises `Unsupported` for a QP that this method cannot take; a solve that fails does not
+        raise, it returns its `Status`.
+        """
+        warm = carry_over(start, qp)
+        clock = time.perf_counter
+        t0 = clock()
+        problem = self.build(qp, warm)
+        t1 = clock()
+        native = self.setup(problem, self.asked(qp), warm)
+        t2 = clock()
+        result = self.run(native)
+        t3 = clock()
+        answer = self.read(qp, native, result)
+        x, status = answer.x, answer.status
+        if x is not None:
+            x = np.array(x, dtype=np.float64)
+            if x.shape != (qp.k,):
+                raise ValueError(f"{self.name} returned x of shape {x.shape}; expected ({qp.k},)")
+        members = answer.working_set
+        if members is None:
+            members = np.zeros(qp.k, np.int8) if x is None else working_set_of(qp, x)
+        return Solution(
+            x=x,
+            row_id=qp.row_id,
+            status=status,
+            working_set=members,
+            iterations=int(answer.iterations),
+            status_text=answer.status_text,
+            work=answer.work,
+            timing=Timing(build=t1 - t0, setup=t2 - t1, solve=t3 - t2),
+            memory=answer.memory,
+        )

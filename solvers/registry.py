@@ -1,0 +1,131 @@
+"""Which solvers there are, by the names of the command line.
+
+A built-in solver is one line of `BUILT_IN`; a third party adds one by an entry point of the group
+`glambda.solvers`, `name = "module:Class"`.  Nothing is imported until it is asked for.  A solver
+whose package is absent is listed with the import error; a package that is there but broken fails
+loudly.
+"""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass, fields
+from functools import cache
+from importlib import metadata
+from typing import Any
+
+from solvers.base import Solver
+
+BUILT_IN = {
+    "lotstedt": "solvers.active_set.method:Lotstedt",
+    "velocity": "solvers.adapters.velocity:Velocity",
+    "enumeration": "solvers.adapters.enumeration:Enumeration",
+    "pgs": "solvers.adapters.pgs:ProjectedGaussSeidel",
+    "scipy_bvls": "solvers.adapters.scipy_bvls:ScipyBVLS",
+    "osqp": "solvers.adapters.osqp:OSQP",
+    "proxqp": "solvers.adapters.proxqp:ProxQP",
+    "clarabel": "solvers.adapters.clarabel:Clarabel",
+    "daqp": "solvers.adapters.daqp:DAQP",
+    "quadprog": "solvers.adapters.quadprog:Quadprog",
+    "piqp": "solvers.adapters.piqp:PIQP",
+    "highs": "solvers.adapters.highs:HiGHS",
+    "scs": "solvers.adapters.scs:SCS",
+    "cvxpy": "solvers.adapters.cvxpy:CVXPY",
+    "qpsolvers": "solvers.adapters.qpsolvers:QPSolvers",
+}
+"""Name → module:class.  `name[variant]` passes `variant` to the class."""
+
+
+@dataclass(frozen=True)
+class SolverInfo:
+    """One line of `glambda solvers`."""
+
+    name: str
+    available: bool
+    reason: str
+    package: str = ""
+    version: str = ""
+    form: str = ""
+    warm_start: str = ""
+    regularisation: str = ""
+    summary: str = ""
+
+
+@cache
+def _targets() -> dict[str, str]:
+    targets = dict(BUILT_IN)
+    for entry in sorted(metadata.entry_points(group="glambda.solvers"), key=lambda e: e.name):
+        if entry.name in targets:
+            raise ValueError(f"two solvers are called {entry.name!r}; rename the plug-in's")
+        targets[entry.name] = entry.value
+    return targets
+
+
+def _split(name: str) -> tuple[str, str | None]:
+    base, bracket, rest = name.partition("[")
+    if bracket and not rest.endswith("]"):
+        raise ValueError(f"solver name {name!r} lacks its closing bracket")
+    return base, rest[:-1] if bracket else None
+
+
+def solver_class(name: str) -> type[Solver]:
+    """Class of the solver called `name` (a variant in brackets is ignored).
+
+    Raises ValueError for an unknown name and ImportError where its package is absent.
+    """
+    base, _ = _split(name)
+    target = _targets().get(base)
+    if target is None:
+        raise ValueError(f"unknown solver {name!r}; there are: {', '.join(_targets())}")
+    module, _, attribute = target.partition(":")
+    return getattr(importlib.import_module(module), attribute)  # type: ignore[no-any-return]
+
+
+def make_solver(name: str, **options: Any) -> Solver:
+    """Make the solver called `name`, such as "daqp", "lotstedt[exact_qr]" or "qpsolvers[cvxopt]".
+
+    Raises ValueError for an unknown name or option and ImportError where its package is absent.
+    """
+    cls = solver_class(name)
+    base, variant = _split(name)
+    known = [entry.name for entry in fields(cls) if entry.init]
+    if variant is not None:
+        if "variant" not in known:
+            raise ValueError(f"solver {base!r} has no variants; got {name!r}")
+        options = {"variant": variant, **options}
+    unknown = sorted(set(options) - set(known))
+    if unknown:
+        raise ValueError(
+            f"solver {base!r} has no option {unknown[0]!r}; its options are: {', '.join(known)}"
+        )
+    return cls(**options)
+
+
+def describe(name: str) -> SolverInfo:
+    """What `glambda solvers` says about one solver; an absent package is reported, not raised."""
+    try:
+        cls = solver_class(name)
+    except ImportError as error:
+        return SolverInfo(name, False, str(error))
+    version = metadata.version(cls.package) if cls.package else metadata.version("glambda")
+    return SolverInfo(
+        name=name,
+        available=True,
+        reason="",
+        package=cls.package or "glambda",
+        version=version,
+        form=cls.form,
+        warm_start=cls.warm_start,
+        regularisation=cls.regularisation,
+        summary=(cls.__doc__ or "").strip().splitlines()[0],
+    )
+
+
+def solver_names() -> list[str]:
+    """Names of all known solvers, built-in and plugged in, whether or not they can be imported."""
+    return list(_targets())
+
+
+def available_solvers() -> list[str]:
+    """Names of the solvers that can be used here."""
+    return [name for name in solver_names() if describe(name).available]
