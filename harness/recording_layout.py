@@ -1,0 +1,316 @@
+"""The arrays of a recording file: their names, types, units and sizes, and both ways through.
+
+1. `FIELDS` is the table of all datasets; the file carries the same words as attributes.
+2. `pack` joins the quantities of all QPs into flat arrays, in solve order.
+3. `check_lengths` tells from the few small arrays of sizes how long every other must be.
+4. `unpack` cuts the flat arrays up again; the types `ContactQP` and `Solution` check the values.
+
+`harness.recording` says how the file is to be read and holds the digest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from problems.qp import FEATURE_FIELDS, ContactQP, Solution, Status, WorkCounts
+
+WORK = tuple(entry.name for entry in fields(WorkCounts))
+
+
+class Field(NamedTuple):
+    """One dataset of the file: NumPy type ("S": UTF-8 of fixed length), shape beyond the first
+    axis, unit and meaning."""
+
+    dtype: str
+    columns: tuple[int | str, ...]
+    unit: str
+    meaning: str
+
+
+FIELDS: dict[str, Field] = {
+    "qps/m": Field("<i8", (), "1", "rows of A: coordinates of the bodies"),
+    "qps/k": Field("<i8", (), "1", "columns of A: unknown multipliers"),
+    "qps/A_nnz": Field("<i8", (), "1", "stored entries of a sparse A; -1: A is dense"),
+    "qps/A_data": Field("<f8", (), "SI", "A = D^-T G (or D^-T G V): dense rows, or CSC values"),
+    "qps/A_indices": Field("<i8", (), "1", "CSC row indices of sparse A"),
+    "qps/A_indptr": Field("<i8", (), "1", "CSC column starts of sparse A, k+1 for each"),
+    "qps/d": Field("<f8", (), "SI", "d = D c_n / h_n (3.2)"),
+    "qps/D": Field("<f8", (), "kg^1/2, kg^1/2 m", "diagonal of D, M = D^T D"),
+    "qps/lower": Field("<f8", (), "SI", "lower bounds, -inf allowed"),
+    "qps/upper": Field("<f8", (), "SI", "upper bounds, +inf allowed"),
+    "qps/row_id": Field("<i8", (), "1", "identity of a row along the sequence"),
+    "qps/feature": Field(
+        "<i8", (len(FEATURE_FIELDS),), "1", "columns: " + ", ".join(FEATURE_FIELDS)
+    ),
+    "qps/V_rows": Field("<i8", (), "1", "rows l of the generators V; -1: none, x is lambda"),
+    "qps/V_data": Field("<f8", (), "1", "generators V (l, k), lambda = V x, row by row"),
+    "qps/kind": Field("S", (), "", "step, iteration, corrector, impulse or minimum_norm"),
+    "qps/accepted": Field("|u1", (), "1", "0: the step was rejected or cut short by an event"),
+    "qps/restart": Field("|u1", (), "1", "1: first QP after a discontinuity"),
+    "qps/t": Field("<f8", (), "s", "end of the step"),
+    "qps/h": Field("<f8", (), "s", "length of the step"),
+    "qps/alpha0": Field("<f8", (), "1", "alpha_0 of the BDF formula"),
+    "qps/eps0": Field("<f8", (), "as A x", "accuracy in |A dx| that the stepper asks for (3.13)"),
+    "solutions/answered": Field("|u1", (), "1", "0: the stepper's solver gave no x"),
+    "solutions/x": Field("<f8", (), "SI", "the stepper's own x; 0 where there is none"),
+    "solutions/working_set": Field("|i1", (), "1", "-1 at lower, 0 free, 1 at upper, 2 passive"),
+    "solutions/status": Field("S", (), "", "name of the solver's own status"),
+    "solutions/status_text": Field("S", (), "", "the solver's own words"),
+    "solutions/iterations": Field("<i8", (), "1", "the solver's own count"),
+    "solutions/counted": Field("|u1", (), "1", "1: work holds counts"),
+    "solutions/work": Field("<i8", (len(WORK),), "1", "columns: " + ", ".join(WORK)),
+    "references/accepted": Field("|u1", (), "1", "1: the oracle's answer passed its check"),
+    "references/x": Field("<f8", (), "SI", "the oracle's x, one of many where A lacks rank"),
+    "references/Ax": Field("<f8", (), "SI", "the unique A x*; 0 where not accepted"),
+    "references/error_bound": Field("<f8", (), "as A x", "bound on the error of references/Ax"),
+    "bodies/polygon_count": Field("<i8", (), "1", "convex polygons of each body"),
+    "bodies/corner_count": Field("<i8", (), "1", "corners of each polygon"),
+    "bodies/corners": Field("<f8", (2,), "m", "corners in body coordinates, counter-clockwise"),
+    "motion/t": Field("<f8", (), "s", "times of the accepted steps"),
+    "motion/q": Field("<f8", ("bodies", 3), "m, m, rad", "x, y, phi of each body"),
+    "motion/v": Field("<f8", ("bodies", 3), "m/s, m/s, rad/s", "velocities of each body"),
+    "events/t": Field("<f8", (), "s", "time of the event"),
+    "events/kind": Field("S", (), "", "impulse, slide_off, slip_to_stick, ..."),
+    "events/detail": Field("S", (), "", "what happened to which contact"),
+}
+"""Every dataset of a file."""
+
+MAY_BE_INFINITE = {"qps/lower", "qps/upper", "references/error_bound"}
+
+
+def check_lengths(
+    arrays: Mapping[str, NDArray[Any]], wrong: Callable[[str, str], ValueError]
+) -> None:
+    """Raise `wrong(field, what)` where the sizes of the arrays do not fit together."""
+    m, k, nnz, rows, polygons, corners = (
+        [int(value) for value in arrays[name].ravel()]  # Python integers do not overflow
+        for name in (
+            *("qps/m", "qps/k", "qps/A_nnz", "qps/V_rows"),
+            *("bodies/polygon_count", "bodies/corner_count"),
+        )
+    )
+    n, bodies = len(m), len(polygons)
+    if not len(k) == len(nnz) == len(rows) == n:
+        raise wrong("qps/m", f"has {n} entries, k, A_nnz and V_rows {len(k)}, {len(nnz)}, …")
+    if min([0, *m, *k, *polygons, *corners]) < 0 or min([0, *nnz, *rows]) < -1:
+        raise wrong("qps/m", "it or another size is negative")
+    sparse = [s for s in nnz if s >= 0]
+    sizes = {
+        "qps/A_data": sum(a * b if s < 0 else s for a, b, s in zip(m, k, nnz, strict=True)),
+        "qps/A_indices": sum(sparse),
+        "qps/A_indptr": sum(b + 1 for b, s in zip(k, nnz, strict=True) if s >= 0),
+        "qps/V_data": sum(row * b for row, b in zip(rows, k, strict=True) if row >= 0),
+        "bodies/corner_count": sum(polygons),
+        "bodies/corners": sum(corners),
+    }
+    for name in ("qps/d", "qps/D", "references/Ax"):
+        sizes[name] = sum(m)
+    for name in ("lower", "upper", "row_id", "feature"):
+        sizes[f"qps/{name}"] = sum(k)
+    for name in ("solutions/x", "solutions/working_set", "references/x"):
+        sizes[name] = sum(k)
+    steps, events = arrays["motion/t"].shape[0], arrays["events/t"].shape[0]
+    for name, field in FIELDS.items():
+        group = name.partition("/")[0]
+        default = {"motion": steps, "events": events, "bodies": bodies}.get(group, n)
+        columns = tuple(bodies if c == "bodies" else c for c in field.columns)
+        expected = (sizes.get(name, default), *columns)
+        if arrays[name].shape != expected:
+            raise wrong(name, f"has shape {arrays[name].shape}; the sizes ask for {expected}")
+
+
+def _texts(values: Sequence[str]) -> NDArray[Any]:
+    """UTF-8 strings of one fixed length, which unlike HDF5's variable ones are stored flat."""
+    return np.array([value.encode() for value in values] or [b""], dtype=np.bytes_)[: len(values)]
+
+
+def _join(parts: Sequence[Any], dtype: str, columns: tuple[int, ...] = ()) -> NDArray[Any]:
+    """Parts one after the other; flattened where there are no further columns."""
+    whole = [np.asarray(part, dtype).reshape(-1, *columns) for part in parts]
+    return np.concatenate([np.empty((0, *columns), dtype), *whole])
+
+
+def pack(recording: Any) -> dict[str, NDArray[Any]]:
+    """The arrays of `FIELDS` for a Recording.
+
+    Raises ValueError where its QPs, solutions and references do not belong together.
+    """
+    qps, solutions, references = recording.qps, recording.solutions, recording.references
+    if not len(qps) == len(solutions) == len(references):
+        raise ValueError(
+            f"{len(qps)} QPs need as many solutions and references; "
+            f"got {len(solutions)} and {len(references)}"
+        )
+    for i, (qp, solution) in enumerate(zip(qps, solutions, strict=True)):
+        if not np.array_equal(qp.row_id, solution.row_id):
+            raise ValueError(f"solution {i} has other row_ids than its QP")
+    matrices: list[Any] = [qp.A for qp in qps]
+    sparse = [A for A in matrices if sp.issparse(A)]
+    V = [qp.generators for qp in qps]
+    work = [s.work or WorkCounts() for s in solutions]
+    flat = [polygon for body in recording.polygons for polygon in body]
+    out: dict[str, Any] = {
+        "qps/m": [qp.m for qp in qps],
+        "qps/k": [qp.k for qp in qps],
+        "qps/A_nnz": [A.nnz if sp.issparse(A) else -1 for A in matrices],
+        "qps/A_data": _join([A.data if sp.issparse(A) else A for A in matrices], "<f8"),
+        "qps/A_indices": _join([A.indices for A in sparse], "<i8"),
+        "qps/A_indptr": _join([A.indptr for A in sparse], "<i8"),
+        "qps/V_rows": [-1 if part is None else part.shape[0] for part in V],
+        "qps/V_data": _join([part for part in V if part is not None], "<f8"),
+        "solutions/answered": [s.x is not None for s in solutions],
+        "solutions/x": _join(
+            [np.zeros(qp.k) if s.x is None else s.x for qp, s in zip(qps, solutions, strict=True)],
+            "<f8",
+        ),
+        "solutions/working_set": _join([s.working_set for s in solutions], "|i1"),
+        "solutions/status": [s.status.name for s in solutions],
+        "solutions/status_text": [s.status_text for s in solutions],
+        "solutions/iterations": [s.iterations for s in solutions],
+        "solutions/counted": [s.work is not None for s in solutions],
+        "solutions/work": _join([[getattr(w, n) for n in WORK] for w in work], "<i8", (len(WORK),)),
+        "references/accepted": [ref is not None for ref in references],
+        "references/error_bound": [0.0 if ref is None else ref.error_bound for ref in references],
+        "bodies/polygon_count": [len(body) for body in recording.polygons],
+        "bodies/corner_count": [len(polygon) for polygon in flat],
+        "bodies/corners": _join(flat, "<f8", (2,)),
+        "motion/t": recording.t,
+        "motion/q": recording.q,
+        "motion/v": recording.v,
+        "events/t": [event.t for event in recording.events],
+        "events/kind": [event.kind for event in recording.events],
+        "events/detail": [event.detail for event in recording.events],
+    }
+    for name in ("d", "D", "lower", "upper", "row_id", "feature"):
+        field = FIELDS[f"qps/{name}"]
+        columns = (len(FEATURE_FIELDS),) if name == "feature" else ()
+        out[f"qps/{name}"] = _join([getattr(qp, name) for qp in qps], field.dtype, columns)
+    for name in ("kind", "accepted", "restart", "t", "h", "alpha0", "eps0"):
+        out[f"qps/{name}"] = [getattr(qp, name) for qp in qps]
+    for name, size in (("x", "k"), ("Ax", "m")):
+        out[f"references/{name}"] = _join(
+            [
+                np.zeros(getattr(qp, size)) if ref is None else getattr(ref, name)
+                for qp, ref in zip(qps, references, strict=True)
+            ],
+            "<f8",
+        )
+    return {
+        name: _texts(out[name])
+        if field.dtype == "S"
+        else np.ascontiguousarray(out[name], dtype=field.dtype)
+        for name, field in FIELDS.items()
+    }
+
+
+def unpack(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+    """The inverse of `pack`: the fields of a Recording by name.
+
+    References are tuples (x, Ax, error_bound) or None, events tuples (t, kind, detail).  Raises
+    ValueError or KeyError for values that the types refuse.
+    """
+    text = {
+        name: [value.decode() for value in array.tolist()]
+        for name, array in arrays.items()
+        if array.dtype.kind == "S"
+    }
+    take = _Reader(arrays)
+    indices = range(len(arrays["qps/m"]))
+    qps = tuple(_unpack_qp(take, arrays, text["qps/kind"][i], i) for i in indices)
+    solutions = tuple(_unpack_solution(take, arrays, text, qps[i], i) for i in indices)
+    references = []
+    for i, qp in enumerate(qps):
+        x, Ax = take("references/x", qp.k), take("references/Ax", qp.m)
+        bound = float(arrays["references/error_bound"][i])
+        references.append((x, Ax, bound) if arrays["references/accepted"][i] else None)
+    sizes = iter(arrays["bodies/corner_count"].tolist())
+    polygons = tuple(
+        tuple(take("bodies/corners", next(sizes)) for _ in range(count))
+        for count in arrays["bodies/polygon_count"].tolist()
+    )
+    for name in ("motion/t", "motion/q", "motion/v"):
+        arrays[name].setflags(write=False)
+    return {
+        "qps": qps,
+        "solutions": solutions,
+        "references": references,
+        "polygons": polygons,
+        "t": arrays["motion/t"],
+        "q": arrays["motion/q"],
+        "v": arrays["motion/v"],
+        "events": list(
+            zip(
+                arrays["events/t"].tolist(), text["events/kind"], text["events/detail"], strict=True
+            )
+        ),
+    }
+
+
+def _unpack_qp(take: _Reader, arrays: Mapping[str, NDArray[Any]], kind: str, i: int) -> ContactQP:
+    m, k, nnz, rows = (int(arrays[f"qps/{n}"][i]) for n in ("m", "k", "A_nnz", "V_rows"))
+    return ContactQP(
+        _matrix(take, m, k, nnz),
+        take("qps/d", m),
+        take("qps/lower", k),
+        take("qps/upper", k),
+        row_id=take("qps/row_id", k),
+        feature=take("qps/feature", k),
+        D=take("qps/D", m),
+        generators=None if rows < 0 else take("qps/V_data", rows * k).reshape(rows, k),
+        kind=kind,
+        accepted=bool(arrays["qps/accepted"][i]),
+        restart=bool(arrays["qps/restart"][i]),
+        **{n: float(arrays[f"qps/{n}"][i]) for n in ("t", "h", "alpha0", "eps0")},
+    )
+
+
+def _unpack_solution(
+    take: _Reader,
+    arrays: Mapping[str, NDArray[Any]],
+    text: Mapping[str, list[str]],
+    qp: ContactQP,
+    i: int,
+) -> Solution:
+    x = take("solutions/x", qp.k)
+    counted = arrays["solutions/counted"][i]
+    return Solution(
+        x=x if arrays["solutions/answered"][i] else None,
+        row_id=qp.row_id,
+        status=Status[text["solutions/status"][i]],
+        status_text=text["solutions/status_text"][i],
+        working_set=take("solutions/working_set", qp.k),
+        iterations=int(arrays["solutions/iterations"][i]),
+        work=WorkCounts(*arrays["solutions/work"][i].tolist()) if counted else None,
+    )
+
+
+class _Reader:
+    """Takes the next entries of a flat array; the sizes were checked before."""
+
+    def __init__(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        self.arrays = arrays
+        self.at = dict.fromkeys(arrays, 0)
+
+    def __call__(self, name: str, size: int) -> NDArray[Any]:
+        start = self.at[name]
+        self.at[name] = start + size
+        part = self.arrays[name][start : start + size]
+        part.setflags(write=False)
+        return part
+
+
+def _matrix(take: _Reader, m: int, k: int, nnz: int) -> Any:
+    if nnz < 0:
+        return take("qps/A_data", m * k).reshape(m, k)
+    data, indices = take("qps/A_data", nnz), take("qps/A_indices", nnz)
+    indptr = take("qps/A_indptr", k + 1)
+    inside = nnz == 0 or (indices.min() >= 0 and indices.max() < m)
+    if indptr[0] != 0 or indptr[-1] != nnz or (np.diff(indptr) < 0).any() or not inside:
+        raise ValueError(f"qps/A_indptr or A_indices is no CSC matrix of shape {(m, k)}")
+    return sp.csc_array((data, indices, indptr), shape=(m, k))
