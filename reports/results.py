@@ -1,0 +1,226 @@
+"""A folder of stored results, read once and checked, for everything that reports.
+
+A results folder holds `recordings/<label>.h5`, one per scene, and `solves/*.parquet`, one row per
+(solver, settings, arm, QP).  Either may be missing: a page of scenes alone, or of tables alone, is
+still a page.  What is missing is said in `Results.missing`, never passed over.
+
+1. Read the recordings and the rows.
+2. Check that the rows have the columns that the tables need, that no (solver, settings, arm, QP)
+   occurs twice, and that one scene has one recording.
+3. Add what every table needs: `verified`, `skipped`, `asked_ratio` = error / accuracy asked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+SETTINGS = ("paper", "high", "default")
+"""Accuracies asked, the one that headlines are drawn from first."""
+
+ASKED_RELATIVE = {"high": 1e-9, "default": 1e-6}
+"""‖A δx‖/scale that a setting is judged against; `paper` is judged against each QP's eps0."""
+
+ARMS = ("cold", "warm")
+
+WARM_KINDS = ("step", "iteration", "corrector")
+"""Kinds of QP that a warm arm starts from its own last solution; the others are solved cold."""
+
+METHOD = "lotstedt"
+"""The paper's method; its variants are called `lotstedt[variant]`."""
+
+COLUMNS = (
+    "problem",
+    "solver",
+    "settings",
+    "runtime",
+    "scene",
+    "recording_digest",
+    "step",
+    "kind",
+    "accepted",
+    "restart",
+    "t",
+    "m",
+    "k",
+    "rank",
+    "arm",
+    "verdict",
+    "status_text",
+    "iterations",
+    "descent_directions",
+    "cg_iterations",
+    "qr_factorizations",
+    "flops",
+    "glambda_error",
+    "eps0_ratio",
+    "error_bound",
+    "machine",
+    "versions",
+)
+"""Columns without which no table can be made; a store may hold more."""
+
+KEY = ["solver", "settings", "arm", "problem"]
+
+
+@dataclass(frozen=True)
+class Results:
+    """Rows and recordings of one study.
+
+    rows : one row per solve, with the columns of the store and those added by `prepare`
+    recordings : label → recording, in the order of the labels
+    missing : sentences on what the folder does not hold
+    """
+
+    rows: pd.DataFrame
+    recordings: Mapping[str, Any] = field(default_factory=dict)
+    missing: tuple[str, ...] = ()
+
+    @property
+    def scenes(self) -> list[str]:
+        """Labels of all scenes, recorded or solved, in alphabetical order."""
+        return sorted({*self.recordings, *self.rows["scene"].unique()})
+
+    @property
+    def settings(self) -> list[str]:
+        """Settings that were run, in the order of `SETTINGS`."""
+        return in_order(self.rows["settings"].unique(), SETTINGS)
+
+    @property
+    def headline(self) -> str | None:
+        """The setting from which headlines are drawn, or None without rows."""
+        return self.settings[0] if self.settings else None
+
+    @property
+    def solvers(self) -> list[str]:
+        """Names of the solvers that were run: the paper's method and its variants first."""
+        return sorted(self.rows["solver"].unique(), key=solver_order)
+
+
+def in_order(names: Any, order: tuple[str, ...]) -> list[str]:
+    """`names` in the given order, unknown ones last and alphabetical."""
+    present = {str(name) for name in names}
+    return [name for name in order if name in present] + sorted(present - set(order))
+
+
+def solver_order(name: str) -> tuple[bool, str]:
+    """Sort key: the paper's method and its variants first, the others by name."""
+    return (not is_method(name), name)
+
+
+def is_method(name: str) -> bool:
+    """Whether `name` is the paper's method or a variant of it."""
+    return name == METHOD or name.startswith(METHOD + "[")
+
+
+def empty_rows() -> pd.DataFrame:
+    """A prepared frame without rows."""
+    text = {"problem", "solver", "settings", "scene", "arm", "verdict", "kind"}
+    return prepare(
+        pd.DataFrame({c: pd.Series(dtype="str" if c in text else "float") for c in COLUMNS})
+    )
+
+
+def prepare(rows: pd.DataFrame) -> pd.DataFrame:
+    """Check stored rows and add `verified`, `skipped` and `asked_ratio`, sorted by problem.
+
+    `asked_ratio` is ‖A(x − x*)‖ over the accuracy asked: eps0 for the setting `paper`, the
+    setting's share of the QP's scale otherwise; NaN where no reference was accepted.
+
+    Raises ValueError for missing columns, a solve stored twice, or a scene with two recordings.
+    """
+    absent = [name for name in COLUMNS if name not in rows.columns]
+    if absent:
+        raise ValueError(f"the stored results lack the columns {', '.join(absent)}; replay again")
+    twice = rows.duplicated(KEY)
+    if twice.any():
+        first = rows.loc[twice, KEY].iloc[0]
+        raise ValueError(
+            f"{int(twice.sum())} solves are stored twice, the first: {', '.join(map(str, first))}; "
+            "replay into an empty folder"
+        )
+    digests = rows.groupby("scene")["recording_digest"].nunique()
+    mixed = digests.index[digests > 1]
+    if len(mixed):
+        raise ValueError(
+            f"scene {mixed[0]} holds solves of {digests[mixed[0]]} different recordings; "
+            "a report must not mix them"
+        )
+    rows = rows.sort_values(["problem", "solver", "settings", "arm"], ignore_index=True)
+    relative = rows["settings"].map(ASKED_RELATIVE).astype(float)
+    asked_ratio = np.where(
+        rows["settings"] == "paper", rows["eps0_ratio"], rows["glambda_error"] / relative
+    )
+    return rows.assign(
+        verified=rows["verdict"] == "verified",
+        skipped=rows["verdict"] == "skipped",
+        asked_ratio=np.asarray(asked_ratio, float),
+    )
+
+
+def load_results(folder: str | Path) -> Results:
+    """Read a results folder.
+
+    Raises ValueError, saying what to run, where there is no folder or nothing in it, and passes on
+    the ValueError of a damaged recording.
+    """
+    from harness.recording import read_recording
+    from harness.store import read_results
+
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise ValueError(f"{folder} is not a folder; give one that `glambda study` has written")
+    recorded = sorted((folder / "recordings").glob("*.h5"))
+    solved = sorted((folder / "solves").glob("*.parquet"))
+    if not recorded and not solved:
+        raise ValueError(
+            f"{folder} holds neither recordings/*.h5 nor solves/*.parquet; "
+            "run `glambda study`, or `glambda record` and `glambda replay`, first"
+        )
+    recordings: dict[str, Any] = {}
+    for path in recorded:
+        recording = read_recording(path)
+        if recording.scene in recordings:
+            raise ValueError(f"{folder} holds two recordings of {recording.scene}; keep one")
+        recordings[recording.scene] = recording
+    rows = prepare(read_results(folder)) if solved else empty_rows()
+    return Results(rows, recordings, tuple(_missing(rows, recordings)))
+
+
+def _missing(rows: pd.DataFrame, recordings: Mapping[str, Any]) -> list[str]:
+    """Sentences on what a study of all scenes would hold and this one does not."""
+    said = []
+    solved = set(rows["scene"].unique())
+    if not recordings:
+        said.append("No recordings are stored, so there are no frames and no work over time.")
+    if not solved:
+        said.append("No solves are stored, so there are no tables of accuracy or cost.")
+    for scene in sorted(set(recordings) - solved) if solved else []:
+        said.append(f"{scene} was recorded but not replayed.")
+    for scene in sorted(solved - set(recordings)) if recordings else []:
+        said.append(f"{scene} was replayed, but its recording is not stored: no frames.")
+    if solved and METHOD not in set(rows["solver"]):
+        said.append(
+            f"The paper's method ({METHOD}) was not run, so nothing is compared with it and there "
+            "is no table on the criterion."
+        )
+    arms = set(rows["arm"].unique())
+    said.extend(
+        f"The {arm} arm was not run, so the worth of a warm start is not known."
+        for arm in ARMS
+        if solved and arm not in arms
+    )
+    for arm in ARMS:
+        if arm not in arms:
+            continue
+        for setting in sorted(set(rows["settings"].unique())):
+            part = rows[(rows["settings"] == setting) & (rows["arm"] == arm)]
+            gone = sorted(solved - set(part["scene"].unique()))
+            if gone:
+                said.append(f"Setting {setting}, {arm}, has no rows for {', '.join(gone)}.")
+    return said

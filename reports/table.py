@@ -1,0 +1,104 @@
+"""One table of a report: its numbers as they are, how they are printed, and what they say.
+
+A table carries its numbers as measured (for CSV), how to print them (for Markdown and the page), a
+line on how to read it, and notes that its own numbers gave rise to: where the paper's method loses,
+the note stands under the table that shows it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+Format = Callable[[Any], str]
+
+
+@dataclass(frozen=True)
+class Table:
+    """One table.
+
+    name : of its files;  title : heading;  reading : how to read it
+    data : numbers as measured;  formats : column → how to print it;  notes : sentences below
+    """
+
+    name: str
+    title: str
+    reading: str
+    data: pd.DataFrame
+    formats: Mapping[str, Format] = field(default_factory=dict)
+    notes: Sequence[str] = ()
+
+    def display(self) -> pd.DataFrame:
+        """Every cell as it is printed; an unknown number is an en dash."""
+        shown = {}
+        for name in self.data.columns:
+            form = self.formats.get(name, str)
+            shown[name] = ["–" if _unknown(value) else form(value) for value in self.data[name]]
+        return pd.DataFrame(shown, dtype=object)
+
+    def numeric(self, column: str) -> bool:
+        """Whether a column holds numbers, and is set flush right."""
+        return bool(pd.api.types.is_numeric_dtype(self.data[column])) or column in self.formats
+
+    def to_markdown(self) -> str:
+        """Heading, how to read it, the table and its notes."""
+        parts = [f"## {self.title}", f"*How to read:* {self.reading}"]
+        if len(self.data):
+            align = ["right" if self.numeric(name) else "left" for name in self.data.columns]
+            text = self.display().to_markdown(index=False, disable_numparse=True, colalign=align)
+            parts.append(text)
+        else:
+            parts.append("*Nothing was measured.*")
+        if self.notes:
+            parts.append("\n".join(f"- {note}" for note in self.notes))
+        return "\n\n".join(parts) + "\n"
+
+    def to_csv(self) -> str:
+        """The numbers as measured, one header line."""
+        return self.data.to_csv(index=False, lineterminator="\n", float_format="%.12g")
+
+
+def _unknown(value: Any) -> bool:
+    return value is None or (isinstance(value, float) and np.isnan(value))
+
+
+def whole(value: Any) -> str:
+    """1234 → 1,234."""
+    return f"{round(float(value)):,}"
+
+
+def percent(value: Any) -> str:
+    """A share: 1 → 100 %, and never rounded up to it or down to 0 %."""
+    share = 100 * float(value)
+    if share in (0.0, 100.0):
+        return f"{share:.0f} %"
+    return f"{min(max(share, 0.1), 99.9):.1f} %"
+
+
+def short(value: Any) -> str:
+    """Three significant digits, without an exponent where that stays short."""
+    number = float(f"{float(value):.3g}")
+    if number == 0 or 1e-2 <= abs(number) < 1e4:
+        digits = max(0, 2 - int(np.floor(np.log10(abs(number) or 1))))
+        return f"{number:,.{min(digits, 4)}f}"
+    return scientific(number) if abs(number) < 1e-2 else f"{float(value):,.0f}"
+
+
+def scientific(value: Any) -> str:
+    """Two digits and an exponent, such as 1.3e-12."""
+    number = float(value)
+    return "0" if number == 0 else f"{number:.1e}"
+
+
+def times(value: Any) -> str:
+    """A ratio such as 3.1×."""
+    return f"{short(value)}×"
+
+
+def microseconds(value: Any) -> str:
+    """Seconds, printed in µs."""
+    return short(1e6 * float(value))
