@@ -1,0 +1,176 @@
+"""The bound that trusts nobody: how far A x can be from A x*, from x alone.
+
+For x̄ within its bounds, r = A x̄ + d, and any v such that Δ' = Aᵀ(r + v) has Δ'ᵢ ≥ 0 where
+uᵢ = ∞ and Δ'ᵢ ≤ 0 where lᵢ = −∞,
+
+    ‖A(x̄ − x*)‖ ≤ ½(‖v‖ + √(‖v‖² + 4g)),   g = Σ Δ'⁺(x̄ − l) + Δ'⁻(u − x̄),  0·∞ = 0.
+
+Proof.  With e = A(x̄ − x*): optimality of x* gives r*ᵀe ≥ 0, and (r + v)ᵀe = Δ'ᵀ(x̄ − x*) ≤ g.  So
+‖e‖² = (r − r*)ᵀe ≤ rᵀe ≤ g − vᵀe ≤ g + ‖v‖‖e‖.
+
+Every x̄ and every admissible v give a bound; the least one found is kept.
+
+1. x̄ is x clipped to its bounds, as it is and with entries snapped to a bound: those that a
+   gradient step would carry over it, and those that are tiny.  ‖A(x − x̄)‖ is added.
+2. S is a set of rows: none, or those that are free or have a gradient of the wrong sign.
+3. v = −(A_Sᵀ)⁺Δ_S, the least v that makes Δ' vanish on S.
+4. Rows with an unbounded side on which Δ' has the wrong sign join S, until there are none.
+5. v = −r is always admissible and needs no S: the bound is then ‖r‖.
+
+r and Δ' are evaluated in `numpy.longdouble`, and what rounding can do to them is added to ‖v‖: for
+r as it is, for Δ' by the v that would undo it, ‖δ‖/σ_min(A_S).  Singular values below `RANK_TOL`
+count as 0 there, which is the one place where "up to rounding" is not proved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.facts import Facts, facts_of
+from problems.qp import ContactQP
+
+RANK_TOL = 1e-12
+UNIT = float(np.finfo(np.longdouble).eps)
+TINY = 1e-7
+"""Entries within this fraction of max |x| of a bound are snapped to it, in one of the trials."""
+
+Flags = NDArray[np.bool_]
+
+
+def error_bound(qp: ContactQP, x: np.ndarray, facts: Facts | None = None) -> float:
+    """Bound on ‖A(x − x*)‖; inf for an x that is not finite.
+
+    x : (k,) float64, or longdouble where more digits are known
+    facts : of this QP, if they are at hand
+    """
+    facts = facts or facts_of(qp)
+    x = np.asarray(x)
+    if x.shape != (qp.k,) or not np.isfinite(x).all():
+        return float("inf")
+    best = np.inf
+    for inside in _candidates(facts, x):
+        moved = float(np.linalg.norm(facts.A @ (x - inside)))
+        if moved < best:
+            best = min(best, moved + _bound_at(facts, inside, best - moved))
+    return best
+
+
+def _candidates(facts: Facts, x: np.ndarray) -> Iterator[np.ndarray]:
+    """Points within the bounds, near x (list of the module, item 1)."""
+    lower, upper = facts.qp.lower, facts.qp.upper
+    inside = np.clip(x.astype(np.longdouble), lower, upper)
+    yield inside
+    gradient = facts.A.T @ (facts.A @ inside + facts.d)
+    target = inside - gradient / facts.norms**2
+    tiny = TINY * np.abs(inside).max(initial=0.0)
+    seen = [inside]
+    for low, high in (
+        (target <= lower, target >= upper),
+        (inside - lower <= tiny, upper - inside <= tiny),
+    ):
+        snapped = np.where(low, lower, np.where(high, upper, inside))
+        if not any(np.array_equal(snapped, other) for other in seen):
+            seen.append(snapped)
+            yield snapped
+
+
+def _bound_at(facts: Facts, x: np.ndarray, enough: float) -> float:
+    """Least bound over a few S at one x within its bounds.
+
+    enough : do not go on once the bound cannot improve on this
+    """
+    qp, A = facts.qp, facts.A
+    r = A @ x + facts.d
+    rounding = (qp.k + 2) * UNIT * (np.abs(A) @ np.abs(x) + np.abs(facts.d))
+    lost = float(np.linalg.norm(rounding))
+    best = float(np.linalg.norm(r)) + lost
+    gradient = A.T @ r
+    fixed = qp.lower == qp.upper
+    free = (x > qp.lower) & (x < qp.upper)
+    wrong = ((x <= qp.lower) & (gradient < 0)) | ((x >= qp.upper) & (gradient > 0))
+    start = (free | wrong) & ~fixed
+    for S in (start, np.zeros_like(start)):
+        bound = lost + _bound_on(facts, x, r, S)
+        best = min(best, bound)
+        if best <= 1e-3 * enough:
+            break
+    return best
+
+
+def _bound_on(facts: Facts, x: np.ndarray, r: np.ndarray, S: Flags) -> float:
+    """Bound with v = −(A_Sᵀ)⁺Δ_S, S enlarged until v is admissible; inf if it never is."""
+    qp, A = facts.qp, facts.A
+    no_upper, no_lower = np.isinf(qp.upper), np.isinf(qp.lower)
+    absolute = np.abs(A)
+    for _ in range(qp.k + 1):
+        v = _least_correction(facts, r, S)
+        gradient = A.T @ (r + v)
+        margin = (qp.m + 2) * UNIT * (absolute.T @ (np.abs(r) + np.abs(v)))
+        # Rows of S vanish but for rounding, which is undone below.
+        gradient[S] = 0.0
+        bad = (no_upper & (gradient < -margin)) | (no_lower & (gradient > margin))
+        if not bad.any():
+            break
+        S = S | bad
+    else:
+        return float("inf")
+    return _evaluate(facts, x, v, A.T @ (r + v), margin)
+
+
+def _evaluate(
+    facts: Facts, x: np.ndarray, v: np.ndarray, gradient: np.ndarray, margin: np.ndarray
+) -> float:
+    """½(‖v‖ + √(‖v‖² + 4g)) with the rounding of Δ' on either side of its sign.
+
+    Gradients that are 0 but for rounding are made 0 by a small addition w to v: on an unbounded
+    side their sign must hold, on a bounded one √g would blow 1e-16 up to 1e-8.  It moves the other
+    gradients by up to ‖a_j‖‖w‖, which may make more of them uncertain.
+    """
+    qp, norms = facts.qp, facts.norms
+    no_upper, no_lower = np.isinf(qp.upper), np.isinf(qp.lower)
+    unsure = np.zeros(qp.k, bool)
+    undo = 0.0
+    for _ in range(qp.k + 1):
+        reach = margin + norms * undo
+        more = (
+            (np.abs(gradient) <= reach)
+            | (no_upper & (gradient < reach))
+            | (no_lower & (gradient > -reach))
+        )
+        if not (more & ~unsure).any():
+            break
+        unsure |= more
+        slack = (np.abs(gradient) + margin)[unsure]
+        undo = _undoing(facts.unit_columns[:, unsure], slack / norms[unsure])
+    below = np.where(no_lower, 0.0, x - np.where(no_lower, 0.0, qp.lower))
+    above = np.where(no_upper, 0.0, np.where(no_upper, 0.0, qp.upper) - x)
+    # An uncertain row adds nothing to g: its gradient is 0 once w is added.
+    down = np.where(unsure, 0.0, np.maximum(gradient + reach, 0.0)) @ below
+    up = np.where(unsure, 0.0, np.maximum(reach - gradient, 0.0)) @ above
+    size, g = float(np.linalg.norm(v)) + undo, float(down + up)
+    return 0.5 * (size + float(np.sqrt(size * size + 4.0 * g)))
+
+
+def _undoing(columns: np.ndarray, gradient: np.ndarray) -> float:
+    """Bound on the least ‖w‖ with columnsᵀ w = −gradient, which is known to be consistent."""
+    sigma = np.linalg.svd(columns, compute_uv=False)
+    kept = sigma[sigma > RANK_TOL * sigma[0]]
+    return float(np.linalg.norm(gradient)) / float(kept[-1]) if kept.size else 0.0
+
+
+def _least_correction(facts: Facts, r: np.ndarray, S: Flags) -> np.ndarray:
+    """v = −(A_Sᵀ)⁺ A_Sᵀ r, refined in extended precision."""
+    v = np.zeros_like(r)
+    if not S.any():
+        return v
+    U, sigma, Vt = np.linalg.svd(facts.unit_columns[:, S], full_matrices=False)
+    kept = sigma > RANK_TOL * sigma[0]
+    U, sigma, Vt = U[:, kept], sigma[kept], Vt[kept]
+    A_S, norms = facts.A[:, S], facts.norms[S]
+    for _ in range(3):
+        gradient = np.asarray((A_S.T @ (r + v)) / norms, float)
+        v = v - U @ ((Vt @ gradient) / sigma)
+    return v
