@@ -1,5 +1,18 @@
 """Physics → quadratic programs: bodies, contacts, the stepper and its scenes."""
 
 from problems.qp import ContactQP, Solution, Status
+from problems.run import Run
+from problems.scenes import Scene, describe_scene, scene, scene_names
+from problems.stepper import simulate
 
-__all__ = ["ContactQP", "Solution", "Status"]
+__all__ = [
+    "ContactQP",
+    "Run",
+    "Scene",
+    "Solution",
+    "Status",
+    "describe_scene",
+    "scene",
+    "scene_names",
+    "simulate",
+]

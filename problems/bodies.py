@@ -1,0 +1,78 @@
+"""Rigid bodies of the plane, and the mass matrix M = DᵀD of a system of them (2.1), (2.2).
+
+A body has the coordinates (x, y, φ): the centre of gravity [m] and the angle [rad].  Its shape is
+one convex polygon, or several when it is not convex, in coordinates about its centre of gravity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from problems.qp import Vector
+from problems.shapes import (
+    box_corners,
+    convex_polygon,
+    polygon_area,
+    polygon_centroid,
+    polygon_second_moment,
+)
+
+GROUND = -1
+"""Body index of whatever does not move."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A rigid body.
+
+    polygons : convex parts, each (c, 2) [m], counter-clockwise about the centre of gravity
+    mass : [kg] (per metre of depth)
+    inertia : moment of inertia about the centre of gravity [kg·m²]
+    """
+
+    polygons: tuple[Vector, ...]
+    mass: float
+    inertia: float
+
+    @property
+    def radius(self) -> float:
+        """Distance of the farthest corner from the centre of gravity [m]."""
+        return max(float(np.linalg.norm(part, axis=1).max()) for part in self.polygons)
+
+
+def polygon_body(parts: ArrayLike | Sequence[ArrayLike], density: float = 1.0) -> Body:
+    """Body of uniform `density` [kg/m²] from one convex polygon, or from several that do not overlap.
+
+    parts : corners (c, 2) of a convex polygon, or a sequence of such arrays.  They are shifted so
+        that the centre of gravity becomes the origin.
+
+    Raises ValueError for a polygon that is not convex or a density that is not positive.
+    """
+    if not (np.isfinite(density) and density > 0):
+        raise ValueError(f"density = {density:g}; it must be positive")
+    single = not isinstance(parts, (list, tuple)) or np.ndim(parts[0]) == 1
+    polygons = [convex_polygon(part) for part in ([parts] if single else parts)]
+    areas = np.array([polygon_area(part) for part in polygons])
+    centroids = np.array([polygon_centroid(part) for part in polygons])
+    centre = areas @ centroids / areas.sum()
+    polygons = [part - centre for part in polygons]
+    for part in polygons:
+        part.setflags(write=False)
+    inertia = density * sum(polygon_second_moment(part) for part in polygons)
+    return Body(tuple(polygons), density * float(areas.sum()), float(inertia))
+
+
+def box(width: float, height: float, density: float = 1.0) -> Body:
+    """Upright box, `width` × `height` [m]."""
+    if not (width > 0 and height > 0):
+        raise ValueError(f"a box needs positive sides; got {width:g} × {height:g}")
+    return polygon_body(box_corners(width, height), density)
+
+
+def mass_diagonal(bodies: Sequence[Body]) -> Vector:
+    """Diagonal of M, (3n,): m, m, I of each body."""
+    return np.array([value for body in bodies for value in (body.mass, body.mass, body.inertia)])

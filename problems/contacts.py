@@ -1,0 +1,271 @@
+"""Corner–edge contacts: the constraint functions φ, their columns g_N and g_F, the broad phase.
+
+A constraint says that a corner of one convex part stays on the outer side of an edge of another.
+With n the outward normal of the edge, τ = J n its direction, c the corner, x_b the centre of gravity
+of the body that carries the edge:
+
+    φ   = n·(c − x_b) − offset                                               (2.3)
+    g_N = ∂φ/∂q       = [ n, r_a × n | −n, −r_b × n ],  r_a = c − x_a, r_b = c − x_b
+    g_F, with g_Fᵀq̇   = τ·(velocity of the corner − velocity of the edge there)
+
+The corner of one body on the edge of the other and, where two edges lie on each other, the corner
+of the other on the edge of the one at the same place have equal columns; a contact may therefore be
+handed over between them (`paper` §5: edge-to-edge contacts are described by their end points).
+
+A corner is outside a convex part when it is outside one of its edges, so what collides is the
+*clearance* max_e φ_e, and which edge is hit is a question of its own (`Geometry.hit_edge`).
+The ground is a set of half planes, parts with one endless edge and body `GROUND`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from problems.bodies import GROUND, Body
+from problems.qp import Vector
+from problems.shapes import cross, rotate_quarter
+
+CONTACT_TOL = 1e-3
+"""Corners this close to each other, in units of the shortest edge, are one point; edges this close
+to a corner may be the one that it hits."""
+PARALLEL_SINE = 0.02
+"""Two edges whose directions differ by less than this sine touch edge to edge."""
+
+
+@dataclass(frozen=True)
+class HalfPlane:
+    """Fixed ground: everything on the side of `normal` of `point` is free."""
+
+    point: tuple[float, float] = (0.0, 0.0)
+    normal: tuple[float, float] = (0.0, 1.0)
+
+
+class Pose(NamedTuple):
+    """Where everything is: corners (C, 2) [m], centres (n+1, 2), cos φ and sin φ (n+1,)."""
+
+    corners: Vector
+    centres: Vector
+    cosine: Vector
+    sine: Vector
+
+
+class Columns(NamedTuple):
+    """Constraint values and columns of a set of corner–edge pairs.
+
+    phi : (N,) [m];  normal, tangent : (N, 6), entries for the corner's and the edge's body
+    bodies : (N, 2);  point : (N, 2) the corner [m];  along, length : (N,) position of the corner on
+    its edge and the length of that edge [m];  direction : (N, 2) τ
+    """
+
+    phi: Vector
+    normal: Vector
+    tangent: Vector
+    bodies: Vector
+    point: Vector
+    along: Vector
+    length: Vector
+    direction: Vector
+
+
+class Geometry:
+    """All corners and edges of a system in flat arrays; immutable once made.
+
+    Corners are numbered through all bodies, parts likewise (the ground's half planes last), edges
+    within their part; edge i of a part runs from its corner i to the next.
+    """
+
+    def __init__(self, bodies: Sequence[Body], ground: Sequence[HalfPlane]):
+        self.n_bodies = len(bodies)
+        parts = [(b, polygon) for b, body in enumerate(bodies) for polygon in body.polygons]
+        n_parts = len(parts) + len(ground)
+        n_edges = max([len(polygon) for _, polygon in parts] + [1])
+        self.part_body = np.array([b for b, _ in parts] + [GROUND] * len(ground), dtype=np.int64)
+        self.part_size = np.array([len(p) for _, p in parts] + [0] * len(ground), dtype=np.int64)
+        self.part_first = np.concatenate([[0], np.cumsum(self.part_size)[:-1]]).astype(np.int64)
+        self.corner_part = np.repeat(np.arange(n_parts), self.part_size)
+        self.corner_body = self.part_body[self.corner_part]
+        self.corner_local = np.concatenate([p for _, p in parts] or [np.zeros((0, 2))])
+        first_of_body = np.full(self.n_bodies + 1, len(self.corner_body))
+        for corner in range(len(self.corner_body) - 1, -1, -1):
+            first_of_body[self.corner_body[corner]] = corner
+        self.corner_number = np.arange(len(self.corner_body)) - first_of_body[self.corner_body]
+        self.body_first_corner = first_of_body
+        # an edge that a part does not have is never the farthest: offset +inf, so φ = −inf
+        self.edge_normal = np.zeros((n_parts, n_edges, 2))
+        self.edge_offset = np.full((n_parts, n_edges), np.inf)
+        self.edge_origin = np.zeros((n_parts, n_edges, 2))
+        self.edge_length = np.zeros((n_parts, n_edges))
+        for p, (_, polygon) in enumerate(parts):
+            side = np.roll(polygon, -1, axis=0) - polygon
+            c = len(polygon)
+            self.edge_length[p, :c] = np.linalg.norm(side, axis=1)
+            normal = -rotate_quarter(side) / self.edge_length[p, :c, None]
+            self.edge_normal[p, :c] = normal
+            self.edge_offset[p, :c] = (normal * polygon).sum(axis=1)
+            self.edge_origin[p, :c] = polygon
+        for p, plane in enumerate(ground, start=len(parts)):
+            normal = np.array(plane.normal) / np.hypot(*plane.normal)
+            self.edge_normal[p, 0] = normal
+            self.edge_offset[p, 0] = normal @ plane.point
+            self.edge_origin[p, 0] = plane.point
+            self.edge_length[p, 0] = np.inf
+        finite = self.edge_length[np.isfinite(self.edge_length) & (self.edge_length > 0)]
+        self.contact_tol = CONTACT_TOL * (float(finite.min()) if finite.size else 1.0)
+        self.radius = np.array([body.radius for body in bodies])
+
+    def pose(self, q: Vector) -> Pose:
+        """Place everything at q (3n,)."""
+        state = np.zeros((self.n_bodies + 1, 3))
+        state[:-1] = q.reshape(-1, 3)
+        cosine, sine = np.cos(state[:, 2]), np.sin(state[:, 2])
+        b, local = self.corner_body, self.corner_local
+        corners = np.empty_like(local)
+        corners[:, 0] = state[b, 0] + cosine[b] * local[:, 0] - sine[b] * local[:, 1]
+        corners[:, 1] = state[b, 1] + sine[b] * local[:, 0] + cosine[b] * local[:, 1]
+        return Pose(corners, state[:, :2], cosine, sine)
+
+    def distances(self, pose: Pose, corner: Vector, part: Vector) -> Vector:
+        """φ of each corner against every edge of its part, (N, E); −inf where there is no edge."""
+        b = self.part_body[part]
+        away = pose.corners[corner] - pose.centres[b]
+        local_x = pose.cosine[b] * away[:, 0] + pose.sine[b] * away[:, 1]
+        local_y = pose.cosine[b] * away[:, 1] - pose.sine[b] * away[:, 0]
+        normal = self.edge_normal[part]
+        return (
+            normal[..., 0] * local_x[:, None]
+            + normal[..., 1] * local_y[:, None]
+            - self.edge_offset[part]
+        )
+
+    def clearance(self, pose: Pose, corner: Vector, part: Vector) -> Vector:
+        """max_e φ_e of each corner against its part, (N,) [m]; negative inside."""
+        return self.distances(pose, corner, part).max(axis=1)
+
+    def columns(self, pose: Pose, corner: Vector, part: Vector, edge: Vector) -> Columns:
+        """Constraint functions and columns of N corner–edge pairs."""
+        a, b = self.corner_body[corner], self.part_body[part]
+        local = self.edge_normal[part, edge]
+        c, s = pose.cosine[b], pose.sine[b]
+        n = np.stack([c * local[:, 0] - s * local[:, 1], s * local[:, 0] + c * local[:, 1]], axis=1)
+        tau = rotate_quarter(n)
+        point = pose.corners[corner]
+        arm_a, arm_b = point - pose.centres[a], point - pose.centres[b]
+        phi = (n * arm_b).sum(axis=1) - self.edge_offset[part, edge]
+        normal = np.column_stack([n, cross(arm_a, n), -n, -cross(arm_b, n)])
+        tangent = np.column_stack([tau, cross(arm_a, tau), -tau, -cross(arm_b, tau)])
+        origin = self.edge_origin[part, edge]
+        tau_local = rotate_quarter(local)
+        along = (tau * arm_b).sum(axis=1) - (tau_local * origin).sum(axis=1)
+        return Columns(
+            phi,
+            normal,
+            tangent,
+            np.column_stack([a, b]),
+            point,
+            along,
+            self.edge_length[part, edge],
+            tau,
+        )
+
+    def depth_below(self, pose: Pose, part: int, edge: int, other: int) -> float:
+        """min over the corners of part `other` of φ against one edge: > 0 if the edge separates."""
+        first, size = self.part_first[other], self.part_size[other]
+        corner = np.arange(first, first + size)
+        return float(self.distances(pose, corner, np.full(size, part))[:, edge].min())
+
+    def hit_edge(self, pose: Pose, corner: int, part: int) -> int:
+        """Edge of `part` that a corner at its boundary has hit.
+
+        Of the edges within `contact_tol` of the corner, the best separating axis of the two parts:
+        a corner that drift has put 1e-5 inside one edge, and that passes the end of the adjacent
+        side, is still on the first edge.
+        """
+        phi = self.distances(pose, np.array([corner]), np.array([part]))[0]
+        near = np.flatnonzero(phi >= phi.max() - self.contact_tol)
+        if near.size == 1:
+            return int(near[0])
+        other = int(self.corner_part[corner])
+        return int(max(near, key=lambda e: (self.depth_below(pose, part, int(e), other), -e)))
+
+    def partner(self, pose: Pose, corner: int, part: int, edge: int, end: int) -> tuple | None:
+        """The (corner, part, edge) to which a corner that passed the end of its edge hands over.
+
+        end : 0 where it passed the start of the edge, 1 where it passed its end.
+
+        The edge's own end corner takes over on the adjacent edge of the sliding part, if the two
+        edges lie on each other there; None means that the corner has slid off (loss of support).
+        """
+        if self.part_body[part] == GROUND:
+            return None
+        size = int(self.part_size[part])
+        taker = int(self.part_first[part]) + (edge + end) % size
+        other = int(self.corner_part[corner])
+        number = corner - int(self.part_first[other])
+        count = int(self.part_size[other])
+        phi = self.distances(pose, np.array([taker]), np.array([other]))[0]
+        lines = [number, (number - 1) % count]
+        direction = self.direction(pose, part, edge)
+        for line in lines:
+            other_direction = self.direction(pose, other, line)
+            opposite = float(direction @ other_direction) < 0
+            parallel = abs(float(cross(direction, other_direction))) < PARALLEL_SINE
+            if opposite and parallel and abs(phi[line]) <= 2 * self.contact_tol:
+                offset = (pose.corners[taker] - pose.corners[corner]) @ other_direction
+                inward = offset if line == number else -offset
+                if -self.contact_tol <= inward:
+                    return taker, other, line
+        return None
+
+    def direction(self, pose: Pose, part: int, edge: int) -> Vector:
+        """τ of one edge, (2,)."""
+        b = self.part_body[part]
+        x, y = rotate_quarter(self.edge_normal[part, edge])
+        c, s = pose.cosine[b], pose.sine[b]
+        return np.array([c * x - s * y, s * x + c * y])
+
+    def near_pairs(self, pose: Pose, margin: float) -> list[tuple[int, int]]:
+        """Pairs of parts of different bodies whose boxes come within `margin`, sorted.
+
+        Sort and sweep along x; the ground's half planes are tested against every part.
+        """
+        n_moving = int((self.part_body != GROUND).sum())
+        if n_moving == 0:
+            return []
+        low = np.minimum.reduceat(pose.corners, self.part_first[:n_moving], axis=0) - margin / 2
+        high = np.maximum.reduceat(pose.corners, self.part_first[:n_moving], axis=0) + margin / 2
+        order = np.argsort(low[:, 0], kind="stable")
+        last = np.searchsorted(low[order, 0], high[order, 0], side="right")
+        pairs = []
+        for place, p in enumerate(order):
+            rivals = order[place + 1 : last[place]]
+            meets = (low[rivals, 1] <= high[p, 1]) & (high[rivals, 1] >= low[p, 1])
+            meets &= self.part_body[rivals] != self.part_body[p]
+            pairs += [(int(min(p, r)), int(max(p, r))) for r in rivals[meets]]
+        for plane in range(n_moving, len(self.part_body)):
+            depth = pose.corners @ self.edge_normal[plane, 0] - self.edge_offset[plane, 0]
+            lowest = np.minimum.reduceat(depth, self.part_first[:n_moving])
+            pairs += [(int(p), plane) for p in np.flatnonzero(lowest <= margin)]
+        return sorted(pairs)
+
+    def penetration(self, pose: Pose, pair: tuple[int, int]) -> float:
+        """Depth [m] by which two convex parts overlap: 0 or less where an edge separates them."""
+        p, r = pair
+        best = -np.inf
+        for part, other in ((p, r), (r, p)):
+            for edge in range(max(int(self.part_size[part]), 1)):
+                if self.part_size[other] and np.isfinite(self.edge_offset[part, edge]):
+                    best = max(best, self.depth_below(pose, part, edge, other))
+        return -best
+
+    def feature(self, corner: int, part: int, edge: int, direction: int) -> tuple[int, ...]:
+        """Row of `ContactQP.feature`."""
+        b = int(self.part_body[part])
+        if b == GROUND:
+            number = int(part - (self.part_body != GROUND).sum())
+        else:
+            number = int(self.part_first[part]) + edge - int(self.body_first_corner[b])
+        return int(self.corner_body[corner]), int(self.corner_number[corner]), b, number, direction

@@ -1,0 +1,202 @@
+"""Where along a step something happens: step 3 of algorithm 1.
+
+The position is a polynomial in h (AB-r), so collisions and the loss of support are located before
+any QP is solved; slip→stick needs q̇_n and is located after it.  Every root starts from the paper's
+inverse linear interpolation and is refined within its bracket.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+
+from problems.constraint_graph import ConstraintGraph, Normal
+from problems.contacts import GROUND, Geometry
+from problems.multistep import Path
+from problems.qp import Vector
+
+SAME_TIME = 1e-9
+"""Events within this many seconds of each other are simultaneous."""
+END_SLACK = 1e-7
+"""How far a corner may pass the end of its edge before it has left it, per edge length."""
+TOUCH_TOL = 1e-7
+"""A corner within this distance of a part touches it [m]."""
+
+
+@dataclass(frozen=True)
+class Hit:
+    """A corner that reaches the boundary of a part at step length h."""
+
+    h: float
+    corner: int
+    part: int
+    edge: int
+
+
+@dataclass(frozen=True)
+class SlideOff:
+    """An active corner that passes the end of its edge, with nothing to hand over to."""
+
+    h: float
+    normal: Normal
+
+
+def locate_zero(function: Callable[[float], float], h: float, f0: float, f1: float) -> float:
+    """Root in [0, h] of a function with f(0) = f0 and f(h) = f1 of opposite signs.
+
+    Inverse linear interpolation, t_* = h f0/(f0 − f1) (§3.1), refined inside its bracket.
+    """
+    guess = h * f0 / (f0 - f1)
+    value = function(guess)
+    if value == 0.0 or not 0 < guess < h:
+        return min(max(guess, 0.0), h)
+    low, high = (guess, h) if (value > 0) == (f0 > 0) else (0.0, guess)
+    return float(brentq(function, low, high, xtol=1e-15, rtol=1e-14))
+
+
+def approach_speed(
+    geometry: Geometry, q: Vector, v: Vector, corner: int, part: int, edge: int
+) -> float:
+    """g_Nᵀ q̇ of one corner–edge pair [m/s]; negative when they approach."""
+    one = np.array([corner]), np.array([part]), np.array([edge])
+    columns = geometry.columns(geometry.pose(q), *one)
+    a, b = columns.bodies[0]
+    speed = columns.normal[0, :3] @ v[3 * a : 3 * a + 3]
+    if b != GROUND:
+        speed += columns.normal[0, 3:] @ v[3 * b : 3 * b + 3]
+    return float(speed)
+
+
+def first_hits(graph: ConstraintGraph, path: Path, h: float, slowest: float) -> list[Hit]:
+    """The earliest collisions along the path within h; several if simultaneous, sorted.
+
+    A candidate collides when its clearance falls below its reference level, unless an active
+    contact makes it redundant there or the parts are not approaching (faster than `slowest`) along
+    the normal of the edge concerned.
+    """
+    geometry = graph.geometry
+    corner, part = graph.candidates(path.start, path(h))
+    if corner.size == 0:
+        return []
+    level = graph.levels(corner, part)
+    before = geometry.clearance(geometry.pose(path.start), corner, part) - level
+    after = geometry.clearance(geometry.pose(path(h)), corner, part) - level
+    hits: list[Hit] = []
+    for i in np.flatnonzero(after < np.minimum(0.0, before)):
+        c, p, ref = int(corner[i]), int(part[i]), float(level[i])
+        one = corner[i : i + 1], part[i : i + 1]
+
+        def gap(step: float, one=one, ref=ref) -> float:
+            return float(geometry.clearance(geometry.pose(path(step)), *one)[0]) - ref
+
+        where = _crossing(gap, h, float(before[i]), float(after[i]))
+        q = path(where)
+        edge = geometry.hit_edge(geometry.pose(q), c, p)
+        if approach_speed(geometry, q, path.rate(where), c, p, edge) >= -slowest:
+            continue
+        if graph.redundant(geometry.pose(q), c, p, edge):
+            continue
+        hits.append(Hit(where, c, p, edge))
+    if not hits:
+        return []
+    first = min(hit.h for hit in hits)
+    return sorted(
+        (hit for hit in hits if hit.h <= first + SAME_TIME), key=lambda hit: (hit.corner, hit.part)
+    )
+
+
+def _crossing(gap: Callable[[float], float], h: float, before: float, after: float) -> float:
+    """Where a gap that ends negative falls through 0; 0 where it is never positive."""
+    if before > 0:
+        return locate_zero(gap, h, before, after)
+    samples = h * np.arange(1, 8) / 8
+    values = np.array([gap(step) for step in samples])
+    best = int(np.argmax(values))
+    if values[best] <= 0:
+        return 0.0
+    low = float(samples[best])
+    return low + locate_zero(lambda s: gap(low + s), h - low, float(values[best]), after)
+
+
+def edge_ends(
+    graph: ConstraintGraph, path: Path, h: float
+) -> tuple[dict[int, tuple[int, int, int]], list[SlideOff]]:
+    """Active corners that pass an end of their edge within h.
+
+    Returns what is handed over at q(h), {row_id: (corner, part, edge)}, and the earliest losses of
+    support.
+    """
+    geometry = graph.geometry
+    normals = [n for n in graph.active() if geometry.part_body[n.part] != GROUND]
+    if not normals:
+        return {}, []
+    place = np.array([n.place for n in normals], dtype=np.int64).T
+    pose = geometry.pose(path(h))
+    columns = geometry.columns(pose, *place)
+    slack = END_SLACK * columns.length
+    handed_over, losses = {}, []
+    for i in np.flatnonzero((columns.along < -slack) | (columns.along > columns.length + slack)):
+        normal, end = normals[i], int(columns.along[i] > 0)
+        taker = geometry.partner(pose, *normal.place, end)
+        if taker is not None:
+            handed_over[normal.row_id] = taker
+            continue
+
+        def inside(step: float, at=place[:, i : i + 1], end=end, spare=float(slack[i])) -> float:
+            now = geometry.columns(geometry.pose(path(step)), *at)
+            along, length = float(now.along[0]), float(now.length[0])
+            return spare + (length - along if end else along)
+
+        before, after = inside(0.0), inside(h)
+        where = locate_zero(inside, h, before, after) if before > 0 > after else 0.0
+        losses.append(SlideOff(where, normal))
+    if losses:
+        first = min(loss.h for loss in losses)
+        losses = [loss for loss in losses if loss.h <= first + SAME_TIME]
+    return handed_over, losses
+
+
+def touching(graph: ConstraintGraph, q: Vector, v: Vector, slowest: float) -> list[Hit]:
+    """Inactive corners that touch at q and approach with q̇ = v; most inward first.
+
+    Of coincident corners (two boxes whose sides are flush) the one that is, or is moving, further
+    inside the other's edge comes first, so that it is the one that becomes active.
+    """
+    geometry = graph.geometry
+    corner, part = graph.candidates(q, q)
+    if corner.size == 0:
+        return []
+    pose = geometry.pose(q)
+    gap = geometry.clearance(pose, corner, part) - graph.levels(corner, part)
+    found = []
+    for i in np.flatnonzero(np.abs(gap) <= TOUCH_TOL):
+        c, p = int(corner[i]), int(part[i])
+        edge = geometry.hit_edge(pose, c, p)
+        if approach_speed(geometry, q, v, c, p, edge) >= -slowest:
+            continue
+        if graph.redundant(pose, c, p, edge):
+            continue
+        found.append((_inwardness(geometry, q, v, c, p, edge), Hit(0.0, c, p, edge)))
+    found.sort(key=lambda entry: (-entry[0][0], -entry[0][1], entry[1].corner, entry[1].part))
+    return [hit for _, hit in found]
+
+
+def _inwardness(
+    geometry: Geometry, q: Vector, v: Vector, corner: int, part: int, edge: int
+) -> tuple[float, float]:
+    """How far inside its edge a corner is, and how fast it moves inwards, rounded to tolerances."""
+    one = np.array([corner]), np.array([part]), np.array([edge])
+    columns = geometry.columns(geometry.pose(q), *one)
+    along, length = float(columns.along[0]), float(columns.length[0])
+    if not np.isfinite(length):
+        return 0.0, 0.0
+    a, b = columns.bodies[0]
+    speed = columns.tangent[0, :3] @ v[3 * a : 3 * a + 3]
+    if b != GROUND:
+        speed += columns.tangent[0, 3:] @ v[3 * b : 3 * b + 3]
+    near_start = along < length / 2
+    inside = along if near_start else length - along
+    return round(inside / geometry.contact_tol), float(speed if near_start else -speed)

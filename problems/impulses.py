@@ -1,0 +1,74 @@
+"""Impulses (2.13), (2.14), §4.3: the QP of a step with h = α₀ = 1, posed by generators.
+
+    minimise ½‖A V c + d‖²,  c ≥ 0,   A = D⁻ᵀG,  d = D q̇₋ + D⁻ᵀF,   q̇₊ = D⁻¹(A V c + d),  Λ = V c
+
+The friction cone |Λ_F| ≤ μ_I Σ Λ_N of a contact has the generators (1, ±μ_I) for a corner and
+(1, 0, ±μ_I), (0, 1, ±μ_I) for an edge on an edge; with μ_I = 0 they are the normals alone.  When
+F = 0 the kinetic energy changes by −½‖AΛ‖², never upwards, whatever μ_I.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+from problems.assembly import Assembly, scaled_columns
+from problems.qp import Vector
+from problems.sequence import QPSequence
+
+
+def cone_generators(
+    assembly: Assembly, mu_I: float
+) -> tuple[sp.csr_array, np.ndarray, np.ndarray, np.ndarray]:
+    """V (N + F, p) with Λ = V c over [normals, frictions], and per generator its normal, friction
+    (or −1) and `direction` as in `ContactQP.feature`.  Returns V, normal, friction, direction."""
+    n_normals, n_frictions = len(assembly.normals), len(assembly.frictions)
+    friction_of = np.full(n_normals, -1)
+    rows, columns = assembly.members.nonzero()
+    friction_of[columns] = rows
+    normal, friction, direction = [], [], []
+    for i in range(n_normals):
+        slips = mu_I > 0 and friction_of[i] >= 0
+        for turn in (2, 3) if slips else (0,):
+            normal.append(i)
+            friction.append(friction_of[i] if slips else -1)
+            direction.append(turn)
+    count = len(normal)
+    V = sp.lil_array((n_normals + n_frictions, count))
+    for column in range(count):
+        V[normal[column], column] = 1.0
+        if friction[column] >= 0:
+            V[n_normals + friction[column], column] = mu_I if direction[column] == 2 else -mu_I
+    return V.tocsr(), np.array(normal, int), np.array(friction, int), np.array(direction, int)
+
+
+def solve_impulse(
+    qps: QPSequence, assembly: Assembly, D: Vector, mu_I: float, v: Vector, F: Vector, t: float
+) -> tuple[Vector, Vector]:
+    """q̇₊ (3n,) and Λ over [normals, frictions] (N + F,) for q̇₋ = v and external impulse F."""
+    V, normal, _, direction = cone_generators(assembly, mu_I)
+    G = sp.hstack([assembly.G_N, assembly.G_F], format="csc")
+    places = [assembly.places[i] for i in normal]
+    feature = [
+        assembly.geometry.feature(*place, int(turn))
+        for place, turn in zip(places, direction, strict=True)
+    ]
+    count = V.shape[1]
+    qp, solution = qps.solve(
+        A=scaled_columns(sp.csc_array(G @ V), D),
+        d=D * v + F / D,
+        lower=np.zeros(count),
+        upper=np.full(count, np.inf),
+        row_id=4 * assembly.normal_ids[normal] + direction,
+        feature=np.array(feature, dtype=np.int64).reshape(-1, 5),
+        D=D,
+        generators=V.toarray(),
+        kind="impulse",
+        t=t,
+        eps0=IMPULSE_ACCURACY * max(1.0, float(np.linalg.norm(D * v))),
+    )
+    return qp.residual(solution.x) / D, qp.multipliers(solution.x)
+
+
+IMPULSE_ACCURACY = 1e-10
+"""Accuracy asked of an impulse, relative to the momentum: the paper uses the exact factorization."""

@@ -1,0 +1,123 @@
+"""Minimum-norm multipliers (4.8): of all λ with the same Gλ, the one with the least λᵀλ.
+
+Where G lacks full column rank the multipliers of (4.6) are not unique, and with them neither are
+the friction bounds and sliding forces of the next step.  With the QR decomposition of Aᵀ and Q₂
+spanning N(A) = N(G), λ = λ_R + Q₂ z, the problem is the least-distance problem
+
+    minimise ½ zᵀz   subject to   E z ≥ e                                                  (4.8)
+
+over the rows of (4.6) and, as a remedy, Coulomb's |λ_F| ≤ μ Σ λ_N.  Lawson and Hanson ([25, p. 159])
+turn it into a non-negative least-squares problem, a `ContactQP` like every other:
+
+    minimise ½‖B u − e_last‖², u ≥ 0,   B = [Eᵀ; eᵀ];   z = −r_head / r_last,  r = B u − e_last
+
+This differs from the paper: 1. the Coulomb rows; against lagged bounds alone, (4.8) shrinks λ_N while
+|λ_F| stays below an old bound, so the next bound is too small and a resting contact slips, is caught
+and slips again for ever.  They are left out where they are not feasible.  2. z is scaled by ‖λ‖, so
+that r_last ≥ ½ and no digits are lost.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg as sla
+import scipy.sparse as sp
+from numpy.typing import ArrayLike
+
+from problems.qp import ContactQP, Vector
+from problems.sequence import QPSequence
+
+RANK_TOL = 1e-10
+"""Diagonal entries of R below this fraction of the first count as 0."""
+ACCURACY = 1e-12
+"""Accuracy asked of the least-squares residual, whose last entry is at least ½."""
+
+
+def null_space(A: ArrayLike) -> Vector:
+    """Orthonormal basis Q₂ (k, k − rank) of N(A), from the pivoted QR decomposition of Aᵀ."""
+    A = np.asarray(A)
+    Q, R, _ = sla.qr(A.T, pivoting=True)
+    diagonal = np.abs(np.diag(R))
+    rank = int((diagonal > RANK_TOL * diagonal[0]).sum()) if diagonal.size else 0
+    return Q[:, rank:]
+
+
+def least_distance_qp(E: Vector, e: Vector) -> tuple[Vector, Vector]:
+    """A and d of the non-negative least-squares form of: minimise ‖z‖ subject to E z ≥ e.
+
+    E : (p, l), e : (p,)  →  A : (l + 1, p), d : (l + 1,)
+    """
+    d = np.zeros(E.shape[1] + 1)
+    d[-1] = -1.0
+    return np.vstack([E.T, e]), d
+
+
+def least_distance_point(residual: Vector) -> Vector | None:
+    """z (l,) from the residual r of the form above; None where E z ≥ e has no solution."""
+    if residual[-1] >= -RANK_TOL:
+        return None
+    return -residual[:-1] / residual[-1]
+
+
+def minimum_norm(
+    qps: QPSequence, qp: ContactQP, x: Vector, coulomb: Vector | sp.sparray | None
+) -> Vector:
+    """Least-norm multipliers with the same A x as `x` within the bounds of `qp`.  (k,)
+
+    coulomb : (p, k) rows C with C λ ≥ 0 to be kept as well, or None.
+    """
+    Q2 = null_space(qp.dense_A)
+    if Q2.shape[1] == 0:
+        return x
+    size = float(np.linalg.norm(x))
+    if size == 0.0:
+        return x
+    x = np.clip(x, qp.lower, qp.upper)
+    particular = x - Q2 @ (Q2.T @ x)
+    below, above = np.isfinite(qp.lower), np.isfinite(qp.upper)
+    identity = np.eye(qp.k)
+    bound_rows = np.vstack([identity[below], -identity[above]])
+    bound_values = np.concatenate([qp.lower[below], -qp.upper[above]])
+    rows, values = bound_rows, bound_values
+    if coulomb is not None and coulomb.shape[0]:
+        dense = coulomb.toarray() if sp.issparse(coulomb) else coulomb
+        rows = np.vstack([bound_rows, dense])
+        values = np.concatenate([bound_values, np.zeros(dense.shape[0])])
+    z = _least_distance(qps, qp, Q2, particular, rows, values, size)
+    if z is None and rows is not bound_rows:
+        z = _least_distance(qps, qp, Q2, particular, bound_rows, bound_values, size)
+    if z is None:
+        return x
+    return np.clip(particular + Q2 @ z, qp.lower, qp.upper)
+
+
+def _least_distance(
+    qps: QPSequence,
+    qp: ContactQP,
+    Q2: Vector,
+    particular: Vector,
+    rows: Vector,
+    values: Vector,
+    size: float,
+) -> Vector | None:
+    E = rows @ Q2
+    e = (values - rows @ particular) / size
+    acts = np.abs(E).max(axis=1) > RANK_TOL
+    if (e[acts] <= 0).all():
+        return np.zeros(Q2.shape[1])
+    A, d = least_distance_qp(E[acts], e[acts])
+    count = int(acts.sum())
+    posed, solution = qps.solve(
+        A=A,
+        d=d,
+        lower=np.zeros(count),
+        upper=np.full(count, np.inf),
+        row_id=np.flatnonzero(acts),
+        kind="minimum_norm",
+        t=qp.t,
+        h=qp.h,
+        alpha0=qp.alpha0,
+        eps0=ACCURACY,
+    )
+    z = least_distance_point(posed.residual(solution.x))
+    return None if z is None else size * z

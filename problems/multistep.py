@@ -1,0 +1,114 @@
+"""The linear multistep methods of §3.1: AB-r for positions, BDF-r for velocities, r = 1, 2.
+
+Both are used with variable steps, w = h_n / h_{n−1}:
+
+    AB-1    q_n = q_{n−1} + h q̇_{n−1}
+    AB-2    q_n = q_{n−1} + h [(1 + w/2) q̇_{n−1} − (w/2) q̇_{n−2}]
+    BDF-1   q̇_n − q̇_{n−1} = h q̈_n
+    BDF-2   (1+2w)/(1+w) q̇_n − (1+w) q̇_{n−1} + w²/(1+w) q̇_{n−2} = h q̈_n
+
+AB-2 is a polynomial of degree 2 in h, so events of position are located without solving a QP.
+
+This differs from the paper: 1. the formulas and the error constants of (3.5) are those of variable
+steps, because the paper prints none; 2. growth is limited to `GROWTH`, below the 1 + √2 at which
+BDF-2 loses zero-stability, and h to `h_max`, because in free fall the estimate of AB-2 is 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from problems.qp import Vector
+
+GROWTH = 2.0
+"""Largest h_n / h_{n−1}."""
+SAFETY = 0.9
+"""Fraction of the step that (3.5) would allow."""
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """Positions along a step, q(h) = start + h velocity + h² curvature (3.1a)."""
+
+    start: Vector
+    velocity: Vector
+    curvature: Vector
+
+    def __call__(self, h: float) -> Vector:
+        return self.start + h * (self.velocity + h * self.curvature)
+
+    def rate(self, h: float) -> Vector:
+        """dq/dh, the velocity of the polynomial (not q̇_n)."""
+        return self.velocity + 2 * h * self.curvature
+
+
+class History:
+    """Steps since the last restart: (h, q̇, q̈) of the newest two, newest first.
+
+    `order` is that of the next step: 1 for the two steps after a restart, then 2 (§3.1).
+    """
+
+    def __init__(self, v: Vector):
+        self.restart(v)
+
+    def restart(self, v: Vector) -> None:
+        """Forget everything but the velocity (3n,), after a jump in q̇ or q̈."""
+        self.v, self.v_before = v, v
+        self.a: list[Vector] = []
+        self.h = 0.0
+        self.steps = 0
+
+    def push(self, h: float, v: Vector, a: Vector) -> None:
+        """Record an accepted step of length h with the new q̇ and q̈."""
+        self.v_before, self.v = self.v, v
+        self.a = [a, *self.a[:1]]
+        self.h = h
+        self.steps += 1
+
+    @property
+    def order(self) -> int:
+        return 1 if self.steps < 2 else 2
+
+    def path(self, q: Vector) -> Path:
+        """AB-r from q (3.1a)."""
+        if self.order == 1:
+            return Path(q, self.v, np.zeros_like(q))
+        return Path(q, self.v, (self.v - self.v_before) / (2 * self.h))
+
+    def bdf(self, h: float) -> tuple[float, Vector]:
+        """α₀ and b_n = −Σ_{i≥1} α_i q̇_{n−i} of BDF-r with step h (3.1b)."""
+        if self.order == 1:
+            return 1.0, self.v
+        w = h / self.h
+        return (1 + 2 * w) / (1 + w), (1 + w) * self.v - w * w / (1 + w) * self.v_before
+
+    def predict(self, h: float) -> Vector:
+        """q̇_n⁽⁰⁾ for (3.9): q̇_{n−1}, AB-1 or AB-2 on q̈, by what is available."""
+        if not self.a:
+            return self.v
+        if len(self.a) == 1:
+            return self.v + h * self.a[0]
+        w = h / self.h
+        return self.v + h * ((1 + w / 2) * self.a[0] - w / 2 * self.a[1])
+
+    def largest_step(self, eps: float, norm) -> float:
+        """Largest h whose local error in q_n meets (3.5), ‖ℓ_n‖_M ≤ h ε; inf where it is 0.
+
+        AB-1: ℓ = ½h² q̈.  AB-2: ℓ = h² (h/6 + h_{n−1}/4) q⃛, q⃛ ≈ (q̈_{n−1} − q̈_{n−2})/h_{n−1}.
+        Needs at least one step since the restart.
+        """
+        if self.order == 1:
+            return first_order_step(norm(self.a[0]), eps)
+        jerk = norm(self.a[0] - self.a[1]) / self.h
+        if jerk == 0:
+            return np.inf
+        # h (h/6 + h_{n-1}/4) jerk = eps
+        half = 0.75 * self.h
+        return float(np.sqrt(half * half + 6 * eps / jerk) - half)
+
+
+def first_order_step(acceleration: float, eps: float) -> float:
+    """Largest h of AB-1 with ½h²‖q̈‖_M ≤ h ε (3.5)."""
+    return 2 * eps / acceleration if acceleration > 0 else np.inf

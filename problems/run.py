@@ -1,0 +1,92 @@
+"""What a simulation leaves behind: accepted states, events, and every QP that it posed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from problems.qp import ContactQP, Solution, Vector
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from problems.scenes import Scene
+
+EVENT_KINDS = (
+    "impulse",
+    "slide_off",
+    "slip_to_stick",
+    "stick_to_slip",
+    "force_jump",
+    "drop",
+    "hand_over",
+    "rest",
+)
+
+
+class Event(NamedTuple):
+    """Something that happened at time t [s]; kind is one of `EVENT_KINDS`."""
+
+    t: float
+    kind: str
+    detail: str
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Outcome of `simulate`.
+
+    t : (n,) [s] accepted times; a time stands twice where an impulse changed the velocities
+    q, v : (n, bodies, 3) positions and velocities [m, m, rad]
+    multipliers : (n,) list of {row_id: λ} of the active constraints
+    gaps : (n,) the least φ of the active constraints [m], inf where there are none
+    event_log : list of `Event`
+    qps, solutions : every QP in solve order, and the solver's answer
+    counts : steps, rejected_steps, restarts, impulses, qps
+    """
+
+    scene: Scene
+    t: Vector
+    q: Vector
+    v: Vector
+    multipliers: list[dict[int, float]]
+    gaps: Vector
+    event_log: list[Event]
+    qps: list[ContactQP]
+    solutions: list[Solution]
+    counts: dict[str, int]
+    options: dict[str, Any]
+
+    @cached_property
+    def trajectory(self) -> pd.DataFrame:
+        """One row per accepted step and body: t, body (from 1), x, y, phi, vx, vy, omega."""
+        import pandas as pd
+
+        n, bodies, _ = self.q.shape
+        table = np.concatenate([self.q, self.v], axis=2).reshape(n * bodies, 6)
+        frame = pd.DataFrame(table, columns=["x", "y", "phi", "vx", "vy", "omega"])
+        frame.insert(0, "t", np.repeat(self.t, bodies))
+        frame.insert(1, "body", np.tile(np.arange(1, bodies + 1), n))
+        return frame
+
+    @cached_property
+    def events(self) -> pd.DataFrame:
+        """One row per event: t, kind, detail."""
+        import pandas as pd
+
+        return pd.DataFrame(self.event_log, columns=["t", "kind", "detail"])
+
+    def kinetic_energy(self) -> Vector:
+        """T = ½ q̇ᵀ M q̇ at each time, (n,) [J]."""
+        from problems.bodies import mass_diagonal
+
+        M = mass_diagonal(self.scene.bodies)
+        return 0.5 * (self.v.reshape(len(self.t), -1) ** 2) @ M
+
+    def potential_energy(self) -> Vector:
+        """V of gravity (from y = 0) and of the springs at each time, (n,) [J]."""
+        forces = self.scene.all_forces()
+        return np.array([sum(f.potential(q.ravel()) for f in forces) for q in self.q])

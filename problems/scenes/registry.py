@@ -1,0 +1,83 @@
+"""Scenes by name: built-in ones and entry points of the group `glambda.scenes`."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from importlib import metadata
+from typing import Any
+
+from problems.scenes.scene import Scene
+
+BUILT_IN = {
+    "fig2": "problems.scenes.fig2:fig2",
+    "fig3": "problems.scenes.fig3:fig3",
+    "fig4": "problems.scenes.fig4:fig4",
+    "fig5": "problems.scenes.fig5:fig5",
+}
+
+
+@cache
+def _targets() -> dict[str, str]:
+    targets = dict(BUILT_IN)
+    for entry in sorted(metadata.entry_points(group="glambda.scenes"), key=lambda e: e.name):
+        if entry.name in targets:
+            raise ValueError(f"two scenes are called {entry.name!r}; rename the plug-in's")
+        targets[entry.name] = entry.value
+    return targets
+
+
+def scene_names() -> list[str]:
+    """Names of all scenes."""
+    return list(_targets())
+
+
+def _maker(name: str) -> Callable[..., Scene]:
+    target = _targets().get(name)
+    if target is None:
+        raise ValueError(f"unknown scene {name!r}; there are: {', '.join(_targets())}")
+    module, _, attribute = target.partition(":")
+    return getattr(importlib.import_module(module), attribute)  # type: ignore[no-any-return]
+
+
+def describe_scene(name: str) -> tuple[str, dict[str, Any]]:
+    """First line of the scene's docstring, and its parameters with their defaults."""
+    maker = _maker(name)
+    defaults = {p.name: p.default for p in inspect.signature(maker).parameters.values()}
+    return (inspect.getdoc(maker) or "").splitlines()[0], defaults
+
+
+def scene(name: str, **parameters: Any) -> Scene:
+    """Make the scene called `name`; parameters left out have the paper's values.
+
+    Raises ValueError for an unknown scene or parameter, or a value of the wrong kind.
+    """
+    _, defaults = describe_scene(name)
+    for key, value in parameters.items():
+        if key not in defaults:
+            raise ValueError(
+                f"scene {name!r} has no parameter {key!r}; it has: {', '.join(defaults)}"
+            )
+        parameters[key] = _like(value, defaults[key], f"scene {name!r}: {key}")
+    made = _maker(name)(**parameters)
+    changed = {k: v for k, v in parameters.items() if v != defaults[k]}
+    label = ",".join([name, *(f"{k}={changed[k]}" for k in defaults if k in changed)])
+    return replace(made, name=name, label=label, parameters={**defaults, **parameters})
+
+
+def _like(value: Any, default: Any, what: str) -> Any:
+    """`value` as the type of `default`."""
+    kind = type(default)
+    try:
+        made = value if isinstance(value, kind) else kind(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"{what} = {value!r}; it must be a {kind.__name__}") from None
+    if isinstance(made, float) and not math.isfinite(made):
+        raise ValueError(f"{what} = {value!r}; it must be finite")
+    if kind is int and float(value) != made:
+        raise ValueError(f"{what} = {value!r}; it must be a whole number")
+    return made

@@ -1,0 +1,82 @@
+"""What a simulation starts from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from problems.bodies import GROUND, Body
+from problems.contacts import HalfPlane
+from problems.forces import Force, Gravity, Impulse
+from problems.qp import Vector
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Bodies, their initial state, and everything that acts on them.
+
+    bodies : the bodies, numbered from 1 in everything that people read
+    q0, v0 : (n, 3) initial positions and velocities [m, m, rad], per second
+    ground : half planes that do not move
+    forces : beside gravity;  impulses : external, at given times
+    mu : friction coefficient;  mu_pairs : of particular pairs (body numbers from 1, 0 the ground)
+    mu_I : impulse friction coefficient;  gravity : [m/s²];  eps : ε
+    end_time : [s];  stop_at_rest : end as soon as everything has been still for a while
+    name, parameters : the function that made it and all its named parameters
+
+    Raises ValueError, naming the field, for wrong shapes, NaN or negative coefficients.
+    """
+
+    bodies: tuple[Body, ...]
+    q0: Vector
+    v0: Vector
+    ground: tuple[HalfPlane, ...] = (HalfPlane(),)
+    forces: tuple[Force, ...] = ()
+    impulses: tuple[Impulse, ...] = ()
+    mu: float = 0.0
+    mu_pairs: Mapping[tuple[int, int], float] = field(default_factory=dict)
+    mu_I: float = 0.0
+    gravity: float = 9.81
+    eps: float = 1e-3
+    end_time: float = 1.0
+    stop_at_rest: bool = False
+    name: str = "scene"
+    label: str = ""
+    parameters: Mapping[str, float | int | bool | str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        n = len(self.bodies)
+        if n == 0:
+            raise ValueError("a scene needs at least one body")
+        for name in ("q0", "v0"):
+            value = np.array(getattr(self, name), dtype=np.float64)
+            if value.shape != (n, 3):
+                raise ValueError(f"{name} needs shape {(n, 3)} for {n} bodies; got {value.shape}")
+            if not np.isfinite(value).all():
+                raise ValueError(f"{name} holds NaN or an infinity")
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+        for name in ("mu", "mu_I", "gravity", "eps", "end_time"):
+            value = getattr(self, name)
+            if not np.isfinite(value) or value < 0:
+                raise ValueError(f"{name} = {value!r}; it must be a finite number, not negative")
+        for pair, mu in self.mu_pairs.items():
+            if not (np.isfinite(mu) and mu >= 0 and all(0 <= b <= n for b in pair)):
+                raise ValueError(
+                    f"mu_pairs[{pair}] = {mu!r}: needs two body numbers from 0 (the ground) to "
+                    f"{n} and a coefficient that is not negative"
+                )
+        if not self.label:
+            object.__setattr__(self, "label", self.name)
+
+    def mu_between(self, a: int, b: int) -> float:
+        """Friction coefficient of two bodies by index, `GROUND` for the ground."""
+        one, two = (0 if body == GROUND else body + 1 for body in (a, b))
+        return self.mu_pairs.get((one, two), self.mu_pairs.get((two, one), self.mu))
+
+    def all_forces(self) -> tuple[Force, ...]:
+        """Gravity and the scene's own forces."""
+        masses = np.array([body.mass for body in self.bodies])
+        return (Gravity(masses, self.gravity), *self.forces)

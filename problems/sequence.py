@@ -1,0 +1,68 @@
+"""The sequence of QPs that a simulation poses: solved by the solver it was handed, and kept.
+
+Warm starts follow the protocol of the replay: a step, iteration or corrector QP starts from the
+last solution of that group unless the integration has just restarted; impulses and minimum-norm
+QPs start cold.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Protocol
+
+from problems.qp import ContactQP, Solution
+
+WARM_KINDS = ("step", "iteration", "corrector")
+"""Kinds of QP that follow one another smoothly enough for a warm start."""
+
+
+class SolvesQPs(Protocol):
+    """All that a simulation asks of a solver."""
+
+    def solve(self, qp: ContactQP, start: Solution | None = None) -> Solution: ...
+
+
+class SimulationError(RuntimeError):
+    """A simulation that cannot go on; the message says when, where and what to try."""
+
+
+class QPSequence:
+    """Poses, solves and keeps QPs; those of a step are marked accepted when the step is."""
+
+    def __init__(self, solver: SolvesQPs):
+        self.solver = solver
+        self.qps: list[ContactQP] = []
+        self.solutions: list[Solution] = []
+        self._last: Solution | None = None
+        self._restarting = True
+        self._settled = 0
+
+    def restart(self) -> None:
+        """The next time step follows a discontinuity."""
+        self._restarting = True
+
+    def solve(self, **fields: Any) -> tuple[ContactQP, Solution]:
+        """Pose the QP with these fields of `ContactQP` and solve it."""
+        warm = fields["kind"] in WARM_KINDS
+        first = warm and self._restarting
+        qp = ContactQP(**fields, accepted=False, restart=first)
+        start = self._last if warm and not first else None
+        solution = self.solver.solve(qp, start)
+        if solution.x is None:
+            raise SimulationError(
+                f"t = {qp.t:.6g}: the solver gave no answer to a {qp.kind} QP with {qp.k} columns "
+                f"({solution.status.name.lower()}: {solution.status_text or solution.status.value})"
+            )
+        self.qps.append(qp)
+        self.solutions.append(solution)
+        if warm:
+            self._restarting = False
+            self._last = solution
+        return qp, solution
+
+    def settle(self, accepted: bool) -> None:
+        """Everything solved since the last call belongs to a step that was accepted or rejected."""
+        if accepted:
+            for i in range(self._settled, len(self.qps)):
+                self.qps[i] = replace(self.qps[i], accepted=True)
+        self._settled = len(self.qps)

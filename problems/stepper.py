@@ -1,0 +1,560 @@
+"""Algorithm 1: rigid bodies in contact, stepped by AB-r and BDF-r with a QP at every step.
+
+One step from t_{n−1} to t_n (Lötstedt 1984, §3.1, with the additions of §4.1):
+
+    1. q_n by AB-1 or AB-2 with a step length h that meets (3.5)
+    2. q̇_n, λ_n and q̈_n by the QP (3.2) or (4.6), iterated where f depends on q̇ or with friction
+    3. events between t_{n−1} and t_n: (i) a jump in q̇: a new contact or an external impulse;
+       (ii) a jump in q̈: a force that jumps, a corner that slides off its support, slip → stick.
+       The earliest is located at t_*, the step is redone with h_* = t_* − t_{n−1}, and the
+       integration restarts there with two first-order steps
+    4. contacts with λ = 0 that separate faster than `drop_tol` leave J_N; sticking contacts at
+       their bound that slip faster than ε become sliding ones.  Neither restarts
+
+This differs from the paper, because the text leaves it open or the rule fails as printed:
+ 1. contacts are found, inserted and removed automatically; a contact whose corner leaves its edge
+    while two edges lie on each other is handed over to the coincident corner, without an event;
+ 2. t_* is refined from the inverse linear interpolation, collisions and slide-offs are located on
+    the position polynomial before any QP is solved;
+ 3. the threshold of step 4 is a parameter of its own, `drop_tol`, by default ε;
+ 4. with slip → stick, every contact that slips slower than ε sticks with it;
+ 5. events at less than `SHORTEST_STEP` are handled where they are, with no step;
+ 6. corrected friction, see `problems.friction`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from problems.assembly import Assembly
+from problems.bodies import mass_diagonal
+from problems.constraint_graph import ConstraintGraph, Normal
+from problems.contacts import Geometry
+from problems.events import (
+    SAME_TIME,
+    Hit,
+    SlideOff,
+    edge_ends,
+    first_hits,
+    touching,
+)
+from problems.friction import FrictionRule
+from problems.impulses import solve_impulse
+from problems.multistep import GROWTH, SAFETY, History, Path, first_order_step
+from problems.qp import Vector
+from problems.run import Event, Run
+from problems.scenes import Scene
+from problems.sequence import QPSequence, SimulationError, SolvesQPs
+from problems.velocity import VelocityEquations, VelocityStep
+
+SHORTEST_STEP = 1e-9
+"""Steps shorter than this are not taken: an event there happens at t_{n−1} [s]."""
+MAX_TRIES = 60
+"""Trials of one step before the simulation gives up."""
+MAX_STANDSTILL = 200
+"""Events in a row without the time moving on before the simulation gives up."""
+PENETRATION_TOL = 1e-7
+"""Initial overlap of two parts that is still taken for contact [m]."""
+REST_TIME = 0.3
+"""How long all bodies must be still to be at rest [s]."""
+
+
+@dataclass(frozen=True)
+class StepperOptions:
+    """Settings of algorithm 1.
+
+    eps : ε of (3.5), (3.13) and the tolerance for g_Fᵀq̇ = 0
+    drop_tol : separation speed at which a contact is dropped (step 4); default ε
+    friction : "corrected" or "paper", see `problems.friction`
+    fixed_step : a constant h [s] without error control, cut only by events; None: (3.5)
+    h_first, h_max : first and largest step [s]
+    rest_speed : ‖q̇_i‖_M of every body below which the system is still; default 2 ε
+    """
+
+    eps: float
+    drop_tol: float
+    friction: FrictionRule = "corrected"
+    fixed_step: float | None = None
+    h_first: float = 1e-3
+    h_max: float = 0.02
+    rest_speed: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("eps", "drop_tol", "h_first", "h_max", "rest_speed"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise ValueError(f"{name} = {value!r}; it must be a positive number")
+        if self.fixed_step is not None and not 0 < self.fixed_step < np.inf:
+            raise ValueError(f"fixed_step = {self.fixed_step!r}; it must be a positive number")
+        if self.friction not in ("paper", "corrected"):
+            raise ValueError(f'friction = {self.friction!r}; choose "paper" or "corrected"')
+
+
+def simulate(
+    scene: Scene,
+    solver: SolvesQPs,
+    *,
+    eps: float | None = None,
+    until: float | None = None,
+    drop_tol: float | None = None,
+    friction: FrictionRule = "corrected",
+    fixed_step: float | None = None,
+    h_first: float = 1e-3,
+    h_max: float = 0.02,
+    rest_speed: float | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Run:
+    """Simulate `scene` with `solver` in the loop, to `until` [s], its end time or rest.
+
+    eps and until default to the scene's own; the other settings are those of `StepperOptions`.
+    progress : called with t after every accepted step
+
+    Raises ValueError for bad settings or bodies that overlap at the start, `SimulationError` where
+    the simulation cannot go on.
+    """
+    eps = scene.eps if eps is None else eps
+    options = StepperOptions(
+        eps=eps,
+        drop_tol=eps if drop_tol is None else drop_tol,
+        friction=friction,
+        fixed_step=fixed_step,
+        h_first=h_first,
+        h_max=h_max,
+        rest_speed=2 * eps if rest_speed is None else rest_speed,
+    )
+    end = scene.end_time if until is None else float(until)
+    if not (np.isfinite(end) and end > 0):
+        raise ValueError(f"until = {until!r}; it must be a positive time")
+    stepper = Stepper(scene, solver, options)
+    stepper.start()
+    while stepper.t < end - SHORTEST_STEP and not stepper.at_rest:
+        stepper.advance(end)
+        if progress is not None:
+            progress(stepper.t)
+    return stepper.finish()
+
+
+class Stepper:
+    """The state of one simulation; `start` once, then `advance` step by step."""
+
+    def __init__(self, scene: Scene, solver: SolvesQPs, options: StepperOptions):
+        self.scene, self.options = scene, options
+        self.D = np.sqrt(mass_diagonal(scene.bodies))
+        self.graph = ConstraintGraph(Geometry(scene.bodies, scene.ground), scene.mu_between)
+        self.qps = QPSequence(solver)
+        self._forces = scene.all_forces()
+        self._jumps = sorted({time for f in self._forces for time in f.jumps})
+        self._impulses = sorted(scene.impulses, key=lambda impulse: (impulse.t, impulse.body))
+        self.equations = VelocityEquations(
+            D=self.D,
+            forces=self.force,
+            velocity_dependent=any(f.velocity_dependent for f in self._forces),
+            eps=options.eps,
+            friction=options.friction,
+        )
+        self.t = 0.0
+        self.q = scene.q0.ravel().copy()
+        self.history = History(scene.v0.ravel().copy())
+        self.lam_known = 0
+        self.h_last = options.h_first
+        self.slowest_approach = 1e-3 * options.drop_tol
+        self.counts = dict.fromkeys(("steps", "rejected_steps", "restarts", "impulses"), 0)
+        self.event_log: list[Event] = []
+        self._still_since: float | None = None
+        self._standstill = 0
+        self.at_rest = False
+        self._states: list[tuple[float, Vector, Vector, dict[int, float], float]] = []
+
+    def force(self, q: Vector, v: Vector, t: float) -> Vector:
+        """f(q, q̇, t) of (2.1), (3n,)."""
+        f = np.zeros_like(q)
+        for force in self._forces:
+            force.add(f, q, v, t)
+        return f
+
+    # --- start and finish ------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """J_N at t = 0, after the impulse that the initial velocities or F call for (§3.1).
+
+        Raises ValueError, with the pair and the depth, where parts overlap.
+        """
+        geometry = self.graph.geometry
+        pose = geometry.pose(self.q)
+        for pair in geometry.near_pairs(pose, geometry.contact_tol):
+            depth = geometry.penetration(pose, pair)
+            if depth > PENETRATION_TOL:
+                names = [self._body_name(int(geometry.part_body[p])) for p in pair]
+                raise ValueError(
+                    f"scene {self.scene.name!r}: {names[0]} and {names[1]} overlap by {depth:.3g} m "
+                    "at the start; move them apart"
+                )
+        for hit in touching(self.graph, self.q, self.history.v, -np.inf):
+            self.graph.insert(pose, hit.corner, hit.part, hit.edge)
+        self._record()
+        F = self._external_impulse(0.0)
+        assembly = Assembly(self.graph, self.q)
+        violated = (assembly.G_N.T @ self.history.v < -self.slowest_approach).any()
+        if violated or F.any():
+            self._impulse([], F)
+        else:
+            self._drop_separating(assembly, self.history.v)
+            self._sort_frictions(Assembly(self.graph, self.q), self.history.v)
+
+    def finish(self) -> Run:
+        """Everything that the simulation left behind."""
+        t, q, v, multipliers, gaps = zip(*self._states, strict=True)
+        shape = (len(t), len(self.scene.bodies), 3)
+        return Run(
+            scene=self.scene,
+            t=np.array(t),
+            q=np.array(q).reshape(shape),
+            v=np.array(v).reshape(shape),
+            multipliers=list(multipliers),
+            gaps=np.array(gaps),
+            event_log=self.event_log,
+            qps=self.qps.qps,
+            solutions=self.qps.solutions,
+            counts=self.counts | {"qps": len(self.qps.qps)},
+            options=asdict(self.options),
+        )
+
+    # --- algorithm 1 -----------------------------------------------------------------------------
+
+    def advance(self, end: float) -> None:
+        """One accepted step, or one event where no time passes."""
+        self._check_constraints()
+        self._sort_signs()
+        path = self.history.path(self.q)
+        h_full = self._step_length()
+        next_jump = min(
+            [time for time in self._jumps if time > self.t + SHORTEST_STEP]
+            + [i.t for i in self._impulses if i.t > self.t + SHORTEST_STEP]
+            + [end]
+        )
+        h = min(h_full, next_jump - self.t)
+        refining = False
+        for _ in range(MAX_TRIES):
+            handed_over, losses = edge_ends(self.graph, path, h)
+            hits = first_hits(self.graph, path, h, self.slowest_approach)
+            h_event = min([e.h for e in [*hits, *losses]], default=np.inf)
+            hits = [hit for hit in hits if hit.h <= h_event + SAME_TIME]
+            losses = [loss for loss in losses if loss.h <= h_event + SAME_TIME]
+            if h_event < SHORTEST_STEP:
+                self._standing_event(hits, losses)
+                return
+            if h_event < h:
+                h = h_event
+                handed_over, _ = edge_ends(self.graph, path, h)
+            step = self._try_velocity(path, h, handed_over)
+            shorter = self._rejected_length(step, h)
+            if shorter is not None:
+                h, h_full = shorter, min(h_full, shorter)
+                refining = False
+                self._reject()
+                continue
+            assert step is not None
+            sticking = self._slip_to_stick(step)
+            if sticking is not None and not (refining and sticking >= h * (1 - 1e-6)):
+                if sticking < SHORTEST_STEP:
+                    self._reject()
+                    self._stick()
+                    return
+                if sticking < h * (1 - 1e-6):
+                    h, refining = sticking, True
+                    self._reject()
+                    continue
+            self._accept(step, handed_over, h_full)
+            self._after_step(step, hits, losses, sticking is not None)
+            return
+        raise SimulationError(
+            f"t = {self.t:.6g}: no acceptable step after {MAX_TRIES} trials (h = {h:.3g}); "
+            "try a smaller eps or another solver"
+        )
+
+    def _step_length(self) -> float:
+        """Step 1: h from (3.5), with limits on growth; the old one after a restart."""
+        if self.options.fixed_step is not None:
+            return self.options.fixed_step
+        h = min(self.h_last if self.history.steps == 0 else GROWTH * self.h_last, self.options.h_max)
+        if self.history.steps:
+            h = min(h, SAFETY * self.history.largest_step(self.options.eps, self.equations.norm))
+        return max(h, 10 * SHORTEST_STEP)
+
+    def _try_velocity(
+        self, path: Path, h: float, handed_over: dict[int, tuple[int, int, int]]
+    ) -> VelocityStep | None:
+        """Step 2."""
+        q = path(h)
+        return self.equations.solve(
+            self.qps,
+            Assembly(self.graph, q, handed_over),
+            self.history,
+            self.q,
+            q,
+            self.t + h,
+            h,
+            self.lam_known,
+            must_accept=h <= 100 * SHORTEST_STEP,
+        )
+
+    def _rejected_length(self, step: VelocityStep | None, h: float) -> float | None:
+        """A shorter step where the trial does not do, else None.
+
+        The iteration did not settle, or it is the first step after a restart, whose local error
+        is known only now.
+        """
+        if step is None:
+            return h / 2
+        if self.history.steps == 0 and self.options.fixed_step is None:
+            largest = first_order_step(self.equations.norm(step.a), self.options.eps)
+            if h > largest and h > 100 * SHORTEST_STEP:
+                return SAFETY * largest
+        return None
+
+    def _reject(self) -> None:
+        self.qps.settle(accepted=False)
+        self.counts["rejected_steps"] += 1
+
+    def _accept(
+        self, step: VelocityStep, handed_over: dict[int, tuple[int, int, int]], h_full: float
+    ) -> None:
+        self.qps.settle(accepted=True)
+        before = self.q
+        self.t, self.q = self.t + step.h, step.q
+        self.history.push(step.h, step.v, step.a)
+        self.h_last = max(h_full, step.h)
+        self.lam_known = min(self.lam_known + 1, 2)
+        for normal, lam in zip(step.assembly.normals, step.lam_N, strict=True):
+            normal.lam_before, normal.lam = normal.lam, float(lam)
+        for row_id, place in handed_over.items():
+            normal = self.graph.normals[row_id]
+            self._log("hand_over", f"{self._place_name(normal.place)} to {self._place_name(place)}")
+            normal.corner, normal.part, normal.edge = place
+        corner, part = self.graph.candidates(before, self.q)
+        if corner.size:
+            clearance = self.graph.geometry.clearance(step.assembly.pose, corner, part)
+            noted = (clearance < 0) | (self.graph.levels(corner, part) < 0)
+            for i in np.flatnonzero(noted):
+                self.graph.note_clearance(int(corner[i]), int(part[i]), float(clearance[i]))
+        self.counts["steps"] += 1
+        self._standstill = 0
+        self._record(step)
+        self._watch_rest()
+
+    def _after_step(
+        self, step: VelocityStep, hits: list[Hit], losses: list[SlideOff], sticks: bool
+    ) -> None:
+        """Steps 3 and 4, at the end of an accepted step."""
+        hits = [hit for hit in hits if hit.h <= step.h + SAME_TIME]
+        losses = [loss for loss in losses if loss.h <= step.h + SAME_TIME]
+        F = self._external_impulse(self.t)
+        if sticks:
+            self._stick()
+        for loss in losses:
+            self._slide_off(loss.normal)
+        if hits or F.any():
+            self._impulse(hits, F)
+            return
+        if any(abs(time - self.t) <= SHORTEST_STEP for time in self._jumps):
+            self._log("force_jump", "")
+            self._restart(1)
+        if sticks or losses:
+            return
+        self._drop_separating(step.assembly, step.v, step.lam_N)
+        for friction, speed, bound in zip(
+            step.assembly.frictions, step.slip_speed, step.at_bound, strict=True
+        ):
+            alive = friction.row_id in self.graph.frictions
+            if alive and friction.sign == 0 and bound and abs(speed) > self.options.eps:
+                friction.sign = -int(np.sign(speed))
+                self._log("stick_to_slip", self._contact_name(friction.contact))
+
+    def _standing_event(self, hits: list[Hit], losses: list[SlideOff]) -> None:
+        """Events at t_{n−1} itself."""
+        self._standstill += 1
+        if self._standstill > MAX_STANDSTILL:
+            raise SimulationError(
+                f"t = {self.t:.6g}: {MAX_STANDSTILL} events in a row without time moving on; "
+                "try another eps or drop_tol"
+            )
+        for loss in losses:
+            self._slide_off(loss.normal)
+        if hits:
+            self._impulse(hits, np.zeros_like(self.q))
+
+    # --- events ----------------------------------------------------------------------------------
+
+    def _impulse(self, hits: list[Hit], F: Vector) -> None:
+        """Impulse of (2.13), (2.14) on J_N(t_* + 0); then drop what separates (§3.3).
+
+        Corners that touch and approach with the new velocity join, and it is solved again.
+        """
+        pose = self.graph.geometry.pose(self.q)
+        v_before = self.history.v
+        inserted = [
+            self._place_name((hit.corner, hit.part, hit.edge))
+            for hit in hits
+            if self.graph.insert(pose, hit.corner, hit.part, hit.edge) is not None
+        ]
+        self._join_touching(v_before)
+        while True:
+            assembly = Assembly(self.graph, self.q)
+            self.qps.settle(accepted=False)
+            if assembly.normals:
+                v, _ = solve_impulse(
+                    self.qps, assembly, self.D, self.scene.mu_I, v_before, F, self.t
+                )
+            else:
+                v = v_before + F / self.D**2
+            if not self._join_touching(v):
+                break
+        self.qps.settle(accepted=True)
+        self.counts["impulses"] += 1
+        self._log("impulse", "; ".join(inserted) if inserted else "external" if F.any() else "")
+        self.history.restart(v)
+        self._drop_separating(assembly, v)
+        self._sort_frictions(Assembly(self.graph, self.q), v)
+        self._restart(0)
+        self._record()
+
+    def _join_touching(self, v: Vector) -> bool:
+        """Insert inactive corners that touch and approach with velocity v; whether any did."""
+        pose = self.graph.geometry.pose(self.q)
+        joined = [
+            self.graph.insert(pose, hit.corner, hit.part, hit.edge)
+            for hit in touching(self.graph, self.q, v, self.slowest_approach)
+        ]
+        return any(normal is not None for normal in joined)
+
+    def _restart(self, lam_known: int) -> None:
+        """Two first-order steps follow; λ is known at that many time points."""
+        self.history.restart(self.history.v)
+        self.lam_known = min(lam_known, self.lam_known)
+        self.qps.restart()
+        self.counts["restarts"] += 1
+
+    def _slide_off(self, normal: Normal) -> None:
+        if normal.row_id not in self.graph.normals:
+            return
+        self._log("slide_off", self._place_name(normal.place))
+        self.graph.remove(normal, self._clearance(normal))
+        self._restart(1)
+
+    def _stick(self) -> None:
+        """J_FW → J_FO at g_Fᵀq̇ = 0, for every contact that slips slower than ε."""
+        assembly = Assembly(self.graph, self.q)
+        for friction, speed in zip(
+            assembly.frictions, assembly.G_F.T @ self.history.v, strict=True
+        ):
+            if friction.sign != 0 and abs(speed) <= self.options.eps:
+                friction.sign = 0
+                self._log("slip_to_stick", self._contact_name(friction.contact))
+        self._restart(1)
+
+    def _slip_to_stick(self, step: VelocityStep) -> float | None:
+        """h at which the first sliding contact stops, by inverse linear interpolation; or None."""
+        assembly = step.assembly
+        if not assembly.frictions:
+            return None
+        before = Assembly(self.graph, self.q).G_F.T @ self.history.v
+        signs = np.array([f.sign for f in assembly.frictions])
+        after = step.slip_speed
+        stopped = (signs != 0) & (signs * after >= -0.01 * self.options.eps)
+        if not stopped.any():
+            return None
+        u0, u1 = before[stopped], after[stopped]
+        settled = np.abs(u1) <= 0.01 * self.options.eps
+        lengths = np.where(settled, step.h, step.h * u0 / np.where(settled, 1.0, u0 - u1))
+        return float(lengths.min())
+
+    def _drop_separating(
+        self, assembly: Assembly, v: Vector, lam_N: Vector | None = None
+    ) -> None:
+        """Step 4: contacts with λ = 0 and g_Nᵀq̇ > drop_tol leave J_N."""
+        speed = assembly.G_N.T @ v
+        for i, normal in enumerate(assembly.normals):
+            idle = lam_N is None or lam_N[i] <= 0
+            if idle and speed[i] > self.options.drop_tol and normal.row_id in self.graph.normals:
+                self._log("drop", self._place_name(normal.place))
+                self.graph.remove(normal, self._clearance(normal))
+
+    def _sort_frictions(self, assembly: Assembly, v: Vector) -> None:
+        """J_FO where |g_Fᵀq̇| ≤ ε, else J_FW with s = −sign(g_Fᵀq̇)."""
+        for friction, speed in zip(assembly.frictions, assembly.G_F.T @ v, strict=True):
+            friction.sign = 0 if abs(speed) <= self.options.eps else -int(np.sign(speed))
+
+    def _sort_signs(self) -> None:
+        """Signs s_i such that (2.9b) is satisfied at t_{n−1}."""
+        if not any(f.sign for f in self.graph.frictions.values()):
+            return
+        assembly = Assembly(self.graph, self.q)
+        for friction, speed in zip(
+            assembly.frictions, assembly.G_F.T @ self.history.v, strict=True
+        ):
+            if friction.sign != 0 and speed != 0:
+                friction.sign = -int(np.sign(speed))
+
+    def _check_constraints(self) -> None:
+        """g_Nᵀq̇ ≥ 0 must hold at the start of a step, to the accuracy of the QP."""
+        assembly = Assembly(self.graph, self.q)
+        speed = assembly.G_N.T @ self.history.v
+        if speed.size and speed.min() < -10 * self.options.eps:
+            i = int(np.argmin(speed))
+            raise SimulationError(
+                f"t = {self.t:.6g}: {self._place_name(assembly.places[i])} approaches at "
+                f"{-speed[i]:.3g} m/s although it is active; the solver's answer was wrong"
+            )
+
+    def _external_impulse(self, t: float) -> Vector:
+        F = np.zeros_like(self.q)
+        for impulse in self._impulses:
+            if abs(impulse.t - t) <= SHORTEST_STEP:
+                F[3 * impulse.body : 3 * impulse.body + 3] += impulse.value
+        return F
+
+    # --- records ---------------------------------------------------------------------------------
+
+    def _record(self, step: VelocityStep | None = None) -> None:
+        lam: dict[int, float] = {}
+        gap = np.inf
+        if step is not None:
+            ids = [*step.assembly.normal_ids.tolist(), *step.assembly.friction_ids.tolist()]
+            lam = dict(zip(ids, [*step.lam_N.tolist(), *step.lam_F.tolist()], strict=True))
+            if step.assembly.normals:
+                gap = float(step.assembly.columns.phi.min())
+        self._states.append((self.t, self.q.copy(), self.history.v.copy(), lam, gap))
+
+    def _watch_rest(self) -> None:
+        speeds = np.linalg.norm((self.D * self.history.v).reshape(-1, 3), axis=1)
+        if speeds.max(initial=0.0) > self.options.rest_speed:
+            self._still_since = None
+        elif self._still_since is None:
+            self._still_since = self.t
+        elif self.scene.stop_at_rest and self.t - self._still_since >= REST_TIME:
+            self.at_rest = True
+            self._log("rest", f"still since t = {self._still_since:.4f}")
+
+    def _log(self, kind: str, detail: str) -> None:
+        self.event_log.append(Event(self.t, kind, detail))
+
+    def _clearance(self, normal: Normal) -> float:
+        geometry = self.graph.geometry
+        one = np.array([normal.corner]), np.array([normal.part])
+        return float(geometry.clearance(geometry.pose(self.q), *one)[0])
+
+    def _body_name(self, body: int) -> str:
+        return f"body {body + 1}" if body >= 0 else "the ground"
+
+    def _place_name(self, place: tuple[int, int, int]) -> str:
+        body, corner, other, edge, _ = self.graph.geometry.feature(*place, 0)
+        return f"corner {corner} of {self._body_name(body)} on edge {edge} of " + self._body_name(
+            other
+        )
+
+    def _contact_name(self, contact) -> str:
+        names = [self._body_name(int(self.graph.geometry.part_body[p])) for p in contact.pair]
+        return f"{names[0]} and {names[1]}"

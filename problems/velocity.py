@@ -1,0 +1,207 @@
+"""Step 2 of algorithm 1: q̇_n and λ_n at a given q_n, by (3.1b, c) or (4.5, 4.6).
+
+One pass poses the QP with the forces at the last guess and solves it.  Passes are repeated
+
+    - (3.9) while f depends on q̇: functional iteration from a predicted q̇_n⁽⁰⁾;
+    - with corrected friction, until λ_* agrees with the λ_N that it gives;
+
+both in one loop, stopped by (3.14): with ρ the observed rate and δ the change that another pass
+would make in ‖q̇_n‖_M, when (ρ δ + (h/α₀) ε₀)/(1 − ρ) ≤ 0.1 ε.  A rate ρ ≥ 1 or the cap of passes
+rejects the step.
+
+This differs from the paper: ε₀ in (3.14) is multiplied by h/α₀, as its derivation gives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from problems.assembly import Assembly, scaled_columns
+from problems.friction import (
+    FrictionRule,
+    Relaxation,
+    coulomb_rows,
+    force_change,
+    predicted_multipliers,
+    spring_multipliers,
+)
+from problems.minimum_norm import minimum_norm
+from problems.multistep import History
+from problems.qp import Vector
+from problems.sequence import QPSequence
+
+MAX_PASSES = 12
+FIRST_RATE = 0.5
+"""ρ assumed until two passes have shown it."""
+
+
+@dataclass(frozen=True, eq=False)
+class VelocityStep:
+    """What a step of length h found: q, q̇, q̈ (3n,), λ_N (N,), λ_F (F,) and its `Assembly`."""
+
+    h: float
+    q: Vector
+    v: Vector
+    a: Vector
+    lam_N: Vector
+    lam_F: Vector
+    at_bound: Vector
+    assembly: Assembly
+    passes: int
+
+    @property
+    def normal_speed(self) -> Vector:
+        """g_Nᵀq̇_n (N,)."""
+        return self.assembly.G_N.T @ self.v
+
+    @property
+    def slip_speed(self) -> Vector:
+        """g_Fᵀq̇_n (F,)."""
+        return self.assembly.G_F.T @ self.v
+
+
+@dataclass(frozen=True, eq=False)
+class VelocityEquations:
+    """The system that is stepped: D with M = DᵀD, the forces f(q, q̇, t), the tolerances.
+
+    eps : ε of (3.5);  friction : see `problems.friction`
+    """
+
+    D: Vector
+    forces: Callable[[Vector, Vector, float], Vector]
+    velocity_dependent: bool
+    eps: float
+    friction: FrictionRule
+
+    def norm(self, v: Vector) -> float:
+        """‖v‖_M (2.19)."""
+        return float(np.linalg.norm(self.D * v))
+
+    def solve(
+        self,
+        qps: QPSequence,
+        assembly: Assembly,
+        history: History,
+        q_before: Vector,
+        q: Vector,
+        t: float,
+        h: float,
+        known: int,
+        must_accept: bool = False,
+    ) -> VelocityStep | None:
+        """q̇_n and λ_n of the step of length h that ends at (q, t); None where it is rejected.
+
+        known : time points with λ since the last jump in q̇ (0: (4.4), 1: (4.3), 2: (4.2))
+        must_accept : take the last pass even if the iteration has not settled
+        """
+        inverse_mass = 1 / self.D**2
+        alpha0, b = history.bdf(h)
+        signs = np.array([f.sign for f in assembly.frictions], dtype=np.float64)
+        rubs = len(assembly.frictions) > 0
+        correct = rubs and self.friction == "corrected"
+        iterate = correct or self.velocity_dependent
+        eps0 = (0.01 if iterate else 0.1) * self.eps
+        if not rubs:
+            lam_star = np.zeros(len(assembly.normals))
+        elif known == 0:
+            f_before = self.forces(q_before, history.v, t - h)
+            lam_star = spring_multipliers(
+                assembly, inverse_mass, q_before, history.v, f_before, h
+            )
+        else:
+            lam_star = predicted_multipliers(assembly, known, h / history.h if history.h else 1.0)
+        guess = history.predict(h) if self.velocity_dependent else history.v
+        layout = _Layout(assembly, signs, self.D)
+        relaxation = Relaxation()
+        change_before = np.inf
+        for number in range(1, MAX_PASSES + 1):
+            bound = assembly.mu * (assembly.members @ lam_star)
+            pushed = self.forces(q, guess, t) + assembly.G_F @ (signs * bound)
+            c = h * inverse_mass * pushed + b
+            stuck_bound = bound[layout.sticking]
+            qp, solution = qps.solve(
+                A=layout.A,
+                d=self.D * c / h,
+                lower=layout.column(np.zeros(len(lam_star)), -stuck_bound),
+                upper=layout.column(np.full(len(lam_star), np.inf), stuck_bound),
+                row_id=layout.row_id,
+                feature=layout.feature,
+                D=self.D,
+                kind=_kind(number, self.velocity_dependent),
+                t=t,
+                h=h,
+                alpha0=alpha0,
+                eps0=eps0,
+            )
+            v = h / alpha0 * qp.residual(solution.x) / self.D
+            x = np.asarray(solution.x)
+            if rubs:
+                x = minimum_norm(qps, qp, x, layout.coulomb if correct else None)
+            lam_N, lam_F = layout.split(x)
+            step = VelocityStep(
+                h=h,
+                q=q,
+                v=v,
+                a=(alpha0 * v - b) / h,
+                lam_N=lam_N,
+                lam_F=np.where(signs != 0, signs * bound, lam_F),
+                at_bound=np.abs(lam_F) >= bound * (1 - 1e-9),
+                assembly=assembly,
+                passes=number,
+            )
+            if not iterate:
+                return step
+            change = self.norm(v - guess) if self.velocity_dependent else 0.0
+            if correct:
+                new_bound = assembly.mu * (assembly.members @ lam_N)
+                moved = force_change(assembly, signs, lam_F, bound, new_bound)
+                change += h / alpha0 * float(np.linalg.norm((assembly.G_F @ moved) / self.D))
+            rate = change / change_before if number > 1 and change_before > 0 else FIRST_RATE
+            # without friction the fixed point is a contraction or the step is too long; with it,
+            # relaxation may still tame a large gain
+            if rate < 1 and (rate * change + h / alpha0 * eps0) / (1 - rate) <= 0.1 * self.eps:
+                return step
+            if number > 2 and rate >= 1 and not correct:
+                break
+            guess, change_before = v, change
+            if correct:
+                lam_star = relaxation.next(lam_star, lam_N)
+        return step if must_accept else None
+
+
+class _Layout:
+    """Columns of the QP: all normals and the sticking frictions, in the order of row_id."""
+
+    def __init__(self, assembly: Assembly, signs: Vector, D: Vector):
+        self.sticking = np.flatnonzero(signs == 0)
+        ids = np.concatenate([assembly.normal_ids, assembly.friction_ids[self.sticking]])
+        self.order = np.argsort(ids, kind="stable")
+        self.row_id = ids[self.order]
+        self.feature = assembly.features(self.sticking, self.order)
+        G = sp.hstack([assembly.G_N, assembly.G_F[:, self.sticking]], format="csc")[:, self.order]
+        self.A = scaled_columns(G, D)
+        self._n_normals = len(assembly.normals)
+        self._n_frictions = len(assembly.frictions)
+        self.coulomb = coulomb_rows(assembly, self.sticking, self.order)
+
+    def column(self, normal: Vector, friction: Vector) -> Vector:
+        return np.concatenate([normal, friction])[self.order]
+
+    def split(self, x: Vector) -> tuple[Vector, Vector]:
+        """λ_N (N,) and λ_F (F,), 0 where sliding, from the QP's x."""
+        everything = np.empty_like(x)
+        everything[self.order] = x
+        lam_F = np.zeros(self._n_frictions)
+        lam_F[self.sticking] = everything[self._n_normals :]
+        return everything[: self._n_normals], lam_F
+
+
+def _kind(number: int, velocity_dependent: bool) -> str:
+    if number == 1:
+        return "step"
+    return "iteration" if velocity_dependent else "corrector"
+
