@@ -1,0 +1,172 @@
+"""The judge: what an answer is worth, from x alone and never by the solver's word.
+
+1. The KKT conditions of min ½‖A x + d‖², lower ≤ x ≤ upper, with Δ = Aᵀ(A x + d).  x determines
+   the multipliers: a positive Δᵢ belongs to the lower bound, a negative one to the upper; where
+   that bound is infinite nothing can carry it.
+   `primal_residual` = largest violation of a bound;
+   `dual_residual`   = largest |Δᵢ| that no bound can carry (stationarity and sign);
+   `duality_gap`     = |Σ Δ⁺(x − l) + Δ⁻(u − x) + what is not carried times x| (complementarity).
+2. `error_bound` (`harness.error_bound`) on ‖A(x − x*)‖, which needs no reference.
+3. With a reference (`harness.oracle`): the error ‖A(x − x*)‖, relative to the scale of the QP
+   (`glambda_error`) and to the accuracy that the stepper needs (`eps0_ratio`).
+4. The verdict, from the error e (the bound where no reference was accepted) and the accuracy asked:
+
+       verified       e ≤ 10 × asked
+       inaccurate     e ≤ 1000 × asked
+       claimed_wrong  beyond, and the solver said that it had succeeded
+       failed         beyond, and it did not; or no x, or an x that is not finite
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from harness.error_bound import error_bound
+from harness.facts import Facts, facts_of
+from harness.oracle import reference as find_reference
+from harness.recording import Reference
+from problems.qp import ContactQP, Vector
+
+VERIFIED_WITHIN = 10.0
+WRONG_BEYOND = 1000.0
+"""Multiples of the accuracy asked."""
+
+VERDICTS = (
+    "verified",
+    "inaccurate",
+    "claimed_wrong",
+    "failed",
+    "timeout",
+    "crashed",
+    "skipped",
+)
+"""All verdicts; the last three come from the replay, which saw the solve."""
+
+NAN = float("nan")
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What one answer is worth.
+
+    verdict : one of `VERDICTS`
+    error : e of the verdict, in ‖A δx‖;  asked : the accuracy that it is measured against
+    glambda_error : ‖A(x − x*)‖/scale, dimensionless; NaN without a reference, as are
+    eps0_ratio : ‖A(x − x*)‖/eps0
+    objective_error : ½‖A x + d‖² less its minimum, relative to ½ scale²
+    lambda_distance : ‖λ − λ*‖, λ* being the reference's.  A diagnostic, since λ is not unique where
+        A lacks rank; for the QPs of kind minimum_norm, z of (4.8), which is unique
+    error_bound : bound on ‖A(x − x*)‖ that needs no reference
+    primal_residual, dual_residual, duality_gap : item 1 of the module's list
+    """
+
+    verdict: str
+    error: float
+    asked: float
+    glambda_error: float = NAN
+    eps0_ratio: float = NAN
+    error_bound: float = float("inf")
+    objective_error: float = NAN
+    lambda_distance: float = NAN
+    primal_residual: float = NAN
+    dual_residual: float = NAN
+    duality_gap: float = NAN
+
+
+def judge(
+    qp: ContactQP,
+    x: ArrayLike | None,
+    *,
+    found: bool = True,
+    asked: float | None = None,
+    reference: Reference | None = None,
+    facts: Facts | None = None,
+    seek_reference: bool = True,
+) -> Judgement:
+    """Judge the answer x to `qp`.
+
+    x : (k,) or None
+    found : whether the solver claims success; it can only turn failed into claimed_wrong
+    asked : accuracy in ‖A δx‖; default: the QP's eps0
+    reference, facts : of this QP, if they are at hand
+    seek_reference : whether to ask the oracle where no reference is given
+
+    Raises ValueError for an x of the wrong shape.
+    """
+    asked = qp.eps0 if asked is None else float(asked)
+    if x is None:
+        return Judgement("failed", float("inf"), asked)
+    x = np.asarray(x, float)
+    if x.shape != (qp.k,):
+        raise ValueError(f"A has shape {(qp.m, qp.k)}, so x needs {qp.k} entries; got {x.shape}")
+    if not np.isfinite(x).all():
+        return Judgement("failed", float("inf"), asked)
+    facts = facts or facts_of(qp)
+    if reference is None and seek_reference:
+        reference = find_reference(qp, facts)
+    bound = error_bound(qp, x, facts)
+    primal, dual, gap = kkt_residuals(qp, x)
+    error, against = bound, {}
+    if reference is not None:
+        # Extended precision, so that no digits of A x are lost to cancellation.
+        error = float(np.linalg.norm(facts.A @ x - reference.Ax))
+        against = {
+            "glambda_error": error / facts.scale,
+            "eps0_ratio": error / qp.eps0,
+            "objective_error": _objective_error(facts, x, reference),
+            "lambda_distance": _lambda_distance(qp, x, reference),
+        }
+    return Judgement(
+        verdict=_verdict(error, asked, found),
+        error=error,
+        asked=asked,
+        error_bound=bound,
+        primal_residual=primal,
+        dual_residual=dual,
+        duality_gap=gap,
+        **against,
+    )
+
+
+def kkt_residuals(qp: ContactQP, x: Vector) -> tuple[float, float, float]:
+    """Primal residual, dual residual and duality gap of x (item 1 of the module's list)."""
+    if qp.k == 0:
+        return 0.0, 0.0, 0.0
+    primal = max(0.0, float(np.max(qp.lower - x)), float(np.max(x - qp.upper)))
+    gradient = qp.gradient(x)
+    up, down = np.maximum(gradient, 0.0), np.maximum(-gradient, 0.0)
+    has_lower, has_upper = np.isfinite(qp.lower), np.isfinite(qp.upper)
+    uncarried = np.where(has_lower, 0.0, up) - np.where(has_upper, 0.0, down)
+    gap = (
+        up[has_lower] @ (x - qp.lower)[has_lower]
+        + down[has_upper] @ (qp.upper - x)[has_upper]
+        + uncarried @ x
+    )
+    return primal, float(np.abs(uncarried).max()), abs(float(gap))
+
+
+def _verdict(error: float, asked: float, found: bool) -> str:
+    if error <= VERIFIED_WITHIN * asked:
+        return "verified"
+    if error <= WRONG_BEYOND * asked:
+        return "inaccurate"
+    return "claimed_wrong" if found else "failed"
+
+
+def _objective_error(facts: Facts, x: Vector, reference: Reference) -> float:
+    """(½‖r‖² − ½‖r*‖²)/(½ scale²) as ½(r − r*)ᵀ(r + r*), which does not cancel."""
+    r = facts.A @ x + facts.d
+    best = reference.Ax + facts.d
+    return float((r - best) @ (r + best)) / facts.scale**2
+
+
+def _lambda_distance(qp: ContactQP, x: Vector, reference: Reference) -> float:
+    if qp.kind != "minimum_norm":
+        return float(np.linalg.norm(qp.multipliers(x) - qp.multipliers(reference.x)))
+    r, best = qp.residual(x), reference.Ax + qp.d
+    if r[-1] == 0 or best[-1] == 0:
+        return NAN
+    return float(np.linalg.norm(r[:-1] / r[-1] - best[:-1] / best[-1]))
