@@ -1,0 +1,79 @@
+"""DAQP, a dual active-set method for small dense QPs (Arnström, Bemporad and Axehill 2022).
+
+The problem is posed in normal form, min ½ xᵀP x + qᵀx, lower ≤ x ≤ upper, with the bounds as simple
+bounds.  DAQP wants a definite P; where P = AᵀA is singular it adds proximal iterations of its own,
+x_{j+1} = argmin of the QP + ½ε‖x − x_j‖², which end at a solution of the QP itself: `eta_prox` says
+when, and its default of 1e-6 would set the accuracy.
+
+Accuracy: `primal_tol`, `dual_tol` and `eta_prox` are the residual that `asked` allows, not below
+1e-14.  In a sequence one `daqp.Model` is updated in place and keeps its working set; where rows
+came or went a new one is given the old working set.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import daqp
+import numpy as np
+
+from problems.qp import AT_LOWER, AT_UPPER, Status
+from solvers.adapters.forms import Built, Native, Outcome, PackageSolver, Posed
+from solvers.base import Start
+
+_ACTIVE, _LOWER = 1, 2  # bits of DAQP's `sense`
+
+
+@dataclass(frozen=True)
+class DAQP(PackageSolver):
+    """DAQP: dual active-set method, one `daqp.Model` updated along the sequence."""
+
+    max_iterations: int = 10_000
+
+    name: ClassVar[str] = "daqp"
+    package: ClassVar[str] = "daqp"
+    warm_start: ClassVar[str] = "working set"
+    regularisation: ClassVar[str] = "proximal iterations of its own where P is singular"
+    dense: ClassVar[bool] = True
+    statuses: ClassVar[dict[Any, Status]] = {
+        1: Status.SOLVED,
+        2: Status.SOLVED,
+        -1: Status.INFEASIBLE,
+        -3: Status.UNBOUNDED,
+        -4: Status.ITERATION_LIMIT,
+        -7: Status.TIME_LIMIT,
+    }
+
+    def arrays(self, posed: Posed) -> Any:
+        """P, q, no rows but the simple bounds, and `sense`, which marks the active ones."""
+        sense = np.zeros(posed.n, dtype=np.int32)
+        if posed.working_set is not None:
+            sense[posed.working_set == AT_UPPER] = _ACTIVE
+            sense[posed.working_set == AT_LOWER] = _ACTIVE | _LOWER
+        return posed.P, posed.q, np.zeros((0, posed.n)), posed.upper, posed.lower, sense
+
+    def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
+        """Update the model of the previous solve, or make one that knows its working set."""
+        posed, arrays, carried, _ = problem
+        model = daqp.Model() if carried is None else carried.native.object
+        settings: dict[str, float] = {"iter_limit": self.max_iterations}
+        if asked is not None:
+            tolerance = posed.residual_tolerance(asked, 1e-14)
+            settings |= dict.fromkeys(("primal_tol", "dual_tol", "eta_prox"), tolerance)
+        model.settings = settings
+        if carried is None:
+            model.setup(*arrays)
+        else:
+            P, q, _, upper, lower, _ = arrays
+            model.update(H=P, f=q, bupper=upper, blower=lower)
+        return Native(posed, model)
+
+    def run(self, native: Native) -> Any:
+        """`daqp.Model.solve`."""
+        return native.object.solve()
+
+    def outcome(self, native: Native, result: Any) -> Outcome:
+        """DAQP's exit flag and iterations."""
+        x, _, flag, info = result
+        return Outcome(x if flag > 0 else None, flag, info["iterations"])

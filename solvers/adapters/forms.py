@@ -1,0 +1,292 @@
+"""Bringing a contact QP into the units and the form that a package wants.
+
+The problem is min ½‖A x + d‖², lower ≤ x ≤ upper.  Before any package sees it
+
+1. fixed rows (lower = upper) are eliminated, their force goes into d: interior-point methods need
+   bounds with room between them, and SciPy's refuses equal ones;
+2. the columns of A are scaled to a length between 1 and 2, and x, d by one number, so that all
+   unknowns are forces of size 1.  An error δx̂ of the scaled unknowns is then an error of at most
+   √k ‖δx̂‖ in A x / force, whatever the masses and h are, and tolerances mean something.
+   All factors are powers of two: nothing is rounded.
+
+Then there are the forms of `solvers.base.Form`:
+
+    normal    ½ xᵀP x + qᵀx with P = AᵀA, q = Aᵀd.  The part of d that no contact can change has
+              gone from q, but the condition of A is squared.
+    residual  ½ yᵀy + qᵀx with y = A x as rows: what ½‖y‖², y = A x + d, becomes when the constant
+              and the invisible part of d are dropped.  Nothing is squared; m more unknowns.
+    velocity  (3.4) in r, strictly convex; x holds its multipliers.
+"""
+
+from __future__ import annotations
+
+import abc
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from problems.qp import ContactQP, Solution, Status, Vector, positions_of, working_set_of
+from solvers.base import Answer, Solver, Start
+
+
+@dataclass(frozen=True, eq=False)
+class Posed:
+    """A contact QP in units of force, without its fixed rows: n ≤ k unknowns x̂.
+
+    A : (m, n) dense or CSC, columns of length 1 to 2 (or 0)
+    d : (m,), lower, upper : (n,)   scaled
+    kept : (n,) positions of the unknowns among the k rows of the QP
+    unit : (n,)   x[kept] = unit · x̂
+    force : d of the QP = force · d, up to the fixed rows
+    rest : (k,) x with the fixed rows filled in
+    rows : (n,) row ids of the unknowns
+    start : (n,) x̂ to start from, or None
+    working_set : (n,) int8 that goes with it, or None
+    """
+
+    A: Any
+    d: Vector
+    lower: Vector
+    upper: Vector
+    kept: NDArray[np.int64]
+    unit: Vector
+    force: float
+    rest: Vector
+    rows: NDArray[np.int64]
+    start: Vector | None
+    working_set: NDArray[np.int8] | None
+
+    @property
+    def m(self) -> int:
+        """Number of rows of A."""
+        return int(self.A.shape[0])
+
+    @property
+    def n(self) -> int:
+        """Number of unknowns."""
+        return int(self.A.shape[1])
+
+    @cached_property
+    def q(self) -> Vector:
+        """Aᵀd, the gradient at x = 0.  (n,)"""
+        return np.asarray(self.A.T @ self.d)
+
+    @cached_property
+    def P(self) -> Vector:
+        """AᵀA, dense and symmetric to the last bit.  (n, n)"""
+        P = self.A.T @ self.A
+        return P.toarray() if sp.issparse(P) else P
+
+    @cached_property
+    def P_upper(self) -> sp.csc_matrix:
+        """Upper triangle of AᵀA.  (n, n) CSC
+
+        That of a dense A keeps its zeros, so that the pattern is the same at every step.
+        """
+        if sp.issparse(self.A):
+            return sp.csc_matrix(sp.triu(self.A.T @ self.A))
+        column, row = np.tril_indices(self.n)
+        pointers = np.concatenate([[0], np.cumsum(np.arange(1, self.n + 1))])
+        return sp.csc_matrix((self.P[row, column], row, pointers), shape=(self.n, self.n))
+
+    @cached_property
+    def dense(self) -> Vector:
+        """A as a dense array.  (m, n)"""
+        return self.A.toarray() if sp.issparse(self.A) else self.A
+
+    @cached_property
+    def sparse(self) -> sp.csc_matrix:
+        """A as CSC; a dense A keeps its zeros.  (m, n)"""
+        if sp.issparse(self.A):
+            return sp.csc_matrix(self.A)
+        pointers = np.arange(self.n + 1) * self.m
+        indices = np.tile(np.arange(self.m), self.n)
+        return sp.csc_matrix((self.A.T.ravel(), indices, pointers), shape=self.A.shape)
+
+    def residual_tolerance(self, asked: float, floor: float) -> float:
+        """Bound for the largest entry of the KKT residual, in scaled units.
+
+        ‖A δx‖ ≤ √n ‖residual‖∞ / σ, with columns of length 1 and σ the least nonzero singular
+        value of A; 0.1 is allowed for it.  The package's rounding sets the `floor`.
+        """
+        return max(0.1 * asked / self.force / np.sqrt(self.n), floor)
+
+    def gap_tolerance(self, asked: float, floor: float) -> float:
+        """Bound for the duality gap, in scaled units: ‖A δx‖² ≤ 2 gap by strong convexity in A x.
+
+        At asked = 1e-9 it is 5e-19, below the rounding of an objective of size 1: the `floor` says
+        how near to it a package can go, and a degenerate row then costs √floor.
+        """
+        return max(0.5 * (asked / self.force) ** 2, floor)
+
+    def restore(self, x: Vector) -> Vector:
+        """x of the QP from the scaled unknowns.  (k,)"""
+        full = self.rest.copy()
+        full[self.kept] = self.unit * x[: self.n]
+        return full
+
+
+def _power_of_two(size: Any) -> Any:
+    """The power of two at or below `size`; 1 for 0."""
+    exponent = np.frexp(np.where(size > 0, size, 1.0))[1] - 1
+    return np.ldexp(1.0, exponent)
+
+
+def pose(qp: ContactQP, start: Start | None = None, *, dense: bool = False) -> Posed:
+    """Eliminate the fixed rows of `qp` and scale it (steps 1 and 2 above)."""
+    A: Any = qp.dense_A if dense else qp.A
+    fixed = qp.lower == qp.upper
+    kept = np.flatnonzero(~fixed)
+    rest = np.where(fixed, qp.lower, 0.0)
+    d = qp.d if kept.size == qp.k else qp.d + A @ rest
+    if kept.size < qp.k:
+        A = A[:, kept]
+    if sp.issparse(A):
+        lengths = np.sqrt(np.asarray(A.multiply(A).sum(axis=0)).ravel())
+    else:
+        lengths = np.sqrt(np.einsum("ij,ij->j", A, A))
+    lengths = _power_of_two(lengths)
+    A = A @ sp.diags_array(1.0 / lengths).tocsc() if sp.issparse(A) else A / lengths
+    lower, upper = qp.lower[kept] * lengths, qp.upper[kept] * lengths
+    # what acts: the gradient at 0, and bounds that force x away from 0
+    acting = [A.T @ d, np.maximum(lower, 0.0), np.maximum(-upper, 0.0)]
+    force = float(_power_of_two(max(float(np.abs(part).max(initial=0.0)) for part in acting)))
+    unit = force / lengths
+    return Posed(
+        A=A, d=d / force, lower=lower / force, upper=upper / force, kept=kept, unit=unit,
+        force=force, rest=rest, rows=qp.row_id[kept],
+        start=None if start is None else start.x[kept] / unit,
+        working_set=None if start is None else start.working_set[kept],
+    )  # fmt: skip
+
+
+class Native(NamedTuple):
+    """A package's object, ready to run, with the problem that it holds."""
+
+    posed: Posed
+    object: Any
+    arrays: Any = None
+
+
+class Carried(NamedTuple):
+    """`Solution.memory` of a package: its object and duals, for the next solve."""
+
+    native: Native
+    duals: Vector | None = None
+
+
+class Built(NamedTuple):
+    """What `build` hands to `setup`: nothing is left to do there but to call the package.
+
+    posed : the scaled problem
+    arrays : the package's form of it, see `PackageSolver.arrays`
+    carried : what the previous solve left, if it had the same unknowns in the same order
+    duals : (n,) its multipliers of the bounds in today's scale, 0 for new rows; None when cold
+    """
+
+    posed: Posed
+    arrays: Any
+    carried: Carried | None
+    duals: Vector | None
+
+
+class Outcome(NamedTuple):
+    """What a package says.
+
+    x : scaled unknowns, at least n of them, or None;  status : the package's own
+    duals : (n,) multipliers of the bounds, scaled, in the package's sign
+    """
+
+    x: Vector | None
+    status: Any
+    iterations: int = 0
+    duals: Vector | None = None
+
+
+@dataclass(frozen=True)
+class PackageSolver(Solver, abc.ABC):
+    """A solver that is posed scaled problems without fixed rows, see `Posed`.
+
+    Derived classes write `arrays`, `setup`, `run` and `outcome`, and the table `statuses`.
+    """
+
+    dense: ClassVar[bool] = False
+    """Whether the package takes dense matrices only."""
+    statuses: ClassVar[dict[Any, Status]] = {}
+    """The package's statuses; one that is not here is FAILED, with its text kept."""
+
+    @abc.abstractmethod
+    def arrays(self, posed: Posed) -> Any:
+        """The scaled problem in the package's own form."""
+
+    @abc.abstractmethod
+    def outcome(self, native: Native, result: Any) -> Outcome:
+        """What the package says."""
+
+    def build(self, qp: ContactQP, start: Start | None) -> Built:
+        """Scale the QP, leave the fixed rows out and bring it into the package's form."""
+        posed = pose(qp, start, dense=self.dense)
+        carried = duals = None
+        if start is not None and isinstance(start.memory, Carried):
+            old = start.memory.native.posed
+            if old.m == posed.m and np.array_equal(old.rows, posed.rows):
+                carried = start.memory
+            duals = _carried_duals(start.memory, posed)
+        return Built(posed, self.arrays(posed), carried, duals)
+
+    def read(self, qp: ContactQP, native: Native, result: Any) -> Answer:
+        """Map the package's result by the table of statuses."""
+        says = self.outcome(native, result)
+        status = self.statuses.get(says.status, Status.FAILED)
+        x = None if says.x is None else native.posed.restore(np.asarray(says.x, float))
+        if x is not None and not np.isfinite(x).all():
+            x, status = None, Status.FAILED
+        text = str(getattr(says.status, "name", says.status))
+        return Answer(x, status, says.iterations, text, memory=Carried(native, says.duals))
+
+    def solve(self, qp: ContactQP, start: Solution | None = None) -> Solution:
+        """Solve `qp`; where every row is fixed (or k = 0) there is nothing to hand to a package."""
+        if (qp.lower == qp.upper).all():
+            x = qp.lower.copy()
+            return Solution(x, qp.row_id, Status.SOLVED, working_set_of(qp, x), 0, "all rows fixed")
+        return super().solve(qp, start)
+
+
+def _carried_duals(carried: Carried, posed: Posed) -> Vector:
+    """Δ of the previous solve in today's scale, Δ = force²/unit · Δ̂.  (n,)"""
+    duals = np.zeros(posed.n)
+    if carried.duals is not None:
+        old = carried.native.posed
+        place = positions_of(posed.rows, old.rows)
+        known = place >= 0
+        was = place[known]
+        rescale = (old.force / posed.force) ** 2 * (posed.unit[known] / old.unit[was])
+        duals[known] = carried.duals[was] * rescale
+    return duals
+
+
+def same_pattern(one: Any, other: Any) -> bool:
+    """Whether two matrices are stored alike: both dense, or both CSC with the same pattern."""
+    if one.shape != other.shape or sp.issparse(one) != sp.issparse(other):
+        return False
+    if not sp.issparse(one):
+        return True
+    return np.array_equal(one.indptr, other.indptr) and np.array_equal(one.indices, other.indices)
+
+
+def same_matrix(one: sp.csc_matrix, other: sp.csc_matrix) -> bool:
+    """Whether two CSC matrices are equal, entry by stored entry."""
+    return same_pattern(one, other) and np.array_equal(one.data, other.data)
+
+
+def bound_rows(posed: Posed) -> tuple[sp.csc_matrix, Vector]:
+    """G, h with G x ≤ h for the finite bounds: −x ≤ −lower, then x ≤ upper."""
+    below, above = np.flatnonzero(posed.lower > -np.inf), np.flatnonzero(posed.upper < np.inf)
+    column = np.concatenate([below, above])
+    value = np.concatenate([-np.ones(below.size), np.ones(above.size)])
+    G = sp.csc_matrix((value, (np.arange(column.size), column)), shape=(column.size, posed.n))
+    return G, np.concatenate([-posed.lower[below], posed.upper[above]])
