@@ -75,5 +75,5 @@ def facts_of(qp: ContactQP) -> Facts:
     )
 
 
-def _rank(sigma: Vector) -> int:
+def _rank(sigma: np.ndarray) -> int:
     return int((sigma > RANK_TOL * sigma[0]).sum()) if sigma.size else 0

@@ -1,0 +1,105 @@
+"""Where and with what a result was made: processor, system, versions.  No host names, no paths.
+
+A version is more than the package's: the adapter around it decides what it is asked, so a solver's
+version carries a hash of our own source as well.  Results of different versions refuse to mix.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import sys
+from collections.abc import Iterable
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+
+from solvers.registry import solver_class
+
+THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+    "RAYON_NUM_THREADS",
+)
+"""Read by the numerical libraries when they are loaded; the command line sets them to 1."""
+
+LIBRARIES = ("glambda", "numpy", "scipy", "h5py", "pandas", "pyarrow")
+
+
+@cache
+def machine_label() -> str:
+    """One line: processor, cores, system, Python, threads."""
+    about = machine()
+    return (
+        f"{about['cpu']}, {about['cores']} cores, {about['system']}, "
+        f"Python {about['python']}, threads {about['threads']}"
+    )
+
+
+def machine() -> dict[str, str]:
+    """Processor, usable cores, operating system, Python and the thread limit in force."""
+    limits = {os.environ.get(name, "unset") for name in THREAD_VARIABLES[:2]}
+    return {
+        "cpu": _cpu_model(),
+        "cores": str(_usable_cores()),
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "threads": limits.pop() if len(limits) == 1 else "mixed",
+    }
+
+
+def library_versions() -> dict[str, str]:
+    """Versions of the libraries that every result depends on."""
+    return {name: metadata.version(name) for name in LIBRARIES}
+
+
+@cache
+def solver_version(name: str) -> str:
+    """Version of a solver: its package's, and a hash of our source around it.
+
+    Raises ImportError where the package is absent.
+    """
+    cls = solver_class(name)
+    module = sys.modules[cls.__module__]
+    file = Path(str(module.__file__))
+    package = cls.package or "glambda"
+    # A method of our own is its whole folder; an adapter is its file.
+    sources = sorted(file.parent.glob("*.py")) if not cls.package else [file]
+    return f"{package} {metadata.version(package)} (source {source_hash(sources)})"
+
+
+@cache
+def problems_version() -> str:
+    """Version of the code that poses QPs."""
+    import problems
+
+    folder = Path(str(problems.__file__)).parent
+    return f"glambda {metadata.version('glambda')} (source {source_hash(folder.rglob('*.py'))})"
+
+
+def source_hash(files: Iterable[Path]) -> str:
+    """First eight hexadecimal digits of the sha256 of some files, in order of their paths."""
+    total = hashlib.sha256()
+    for file in sorted(files):
+        total.update(file.name.encode())
+        total.update(file.read_bytes())
+    return total.hexdigest()[:8]
+
+
+def _usable_cores() -> int:
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _cpu_model() -> str:
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.exists():
+        for line in cpuinfo.read_text(errors="replace").splitlines():
+            if line.lower().startswith("model name"):
+                return " ".join(line.partition(":")[2].split())
+    return platform.processor() or platform.machine() or "unknown processor"

@@ -1,0 +1,87 @@
+"""Run a scene and keep every QP of it, each with a reference answer.
+
+1. `problems.simulate` runs the scene; it keeps the QPs and the solver's answers.
+2. The oracle finds A x* of each QP and says how sure it is (`harness.oracle`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from harness.machine import problems_version, solver_version
+from harness.oracle import reference
+from harness.recording import Event, Recording
+from problems import simulate
+from solvers import make_solver
+
+Progress = Callable[[str, float, float], None]
+"""Called with what is being done, how much of it is done, and how much there is."""
+
+
+def record(
+    scene: Any,
+    solver: Any = None,
+    *,
+    eps: float | None = None,
+    until: float | None = None,
+    progress: Progress | None = None,
+    **options: Any,
+) -> Recording:
+    """Simulate `scene` and return the recording of its QPs.
+
+    scene : a `problems.Scene`
+    solver : drives the simulation; default: the paper's method
+    eps, until, options : handed to `problems.simulate`; default: the scene's own
+    progress : called with "simulate" (seconds of motion) and "reference" (QPs)
+    """
+    end = float(until if until is not None else scene.end_time)
+
+    def step(t: float) -> None:
+        if progress is not None:
+            progress("simulate", t, end)
+
+    solver = make_solver("lotstedt") if solver is None else solver
+    run = simulate(scene, solver, eps=eps, until=until, progress=step, **options)
+    chosen = {"solver": solver.name, "until": end, **options}
+    return recording_of(run, chosen, eps=eps, progress=progress)
+
+
+def recording_of(
+    run: Any,
+    chosen: Mapping[str, Any],
+    *,
+    eps: float | None = None,
+    progress: Progress | None = None,
+) -> Recording:
+    """The recording of a finished `problems.Run`, with references.
+
+    chosen : how it was run; joins the scene's parameters as "run.solver", "run.until", …
+    """
+    references = []
+    for i, qp in enumerate(run.qps):
+        if progress is not None and i % 20 == 0:
+            progress("reference", i, len(run.qps))
+        references.append(reference(qp))
+    if progress is not None:
+        progress("reference", len(run.qps), len(run.qps))
+    scene, version = run.scene, solver_version(chosen["solver"])
+    return Recording(
+        scene=scene.label,
+        parameters={
+            **scene.parameters,
+            **{f"run.{name}": value for name, value in chosen.items() if value is not None},
+        },
+        eps=float(scene.eps if eps is None else eps),
+        gravity=float(scene.gravity),
+        code_version=f"problems: {problems_version()}; solver: {chosen['solver']}, {version}",
+        qps=tuple(run.qps),
+        solutions=tuple(run.solutions),
+        references=tuple(references),
+        polygons=tuple(tuple(body.polygons) for body in scene.bodies),
+        t=run.t,
+        q=run.q,
+        v=run.v,
+        events=tuple(Event(float(e.t), str(e.kind), str(e.detail)) for e in run.event_log),
+        counts={name: int(count) for name, count in run.counts.items()},
+    )
