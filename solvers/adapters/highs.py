@@ -1,14 +1,14 @@
 """HiGHS, its active-set QP solver (Hall, Feldmeier and others).
 
-The problem is posed in normal form, min ½ xᵀP x + qᵀx, lower ≤ x ≤ upper.  HiGHS adds ρI to P, by
-default 1e-7.  It must: with ρ = 0 and a singular P HiGHS 1.15 returns x = 0 or the like as optimal.
-Posed in residual form it would need none, but then calls its own answer wrong ("status-value
-error") where A holds entries of 1e-5 among those of 1, as in a box a little tilted.
+The problem is posed in normal form, min ½ xᵀP x + qᵀx, lower ≤ x ≤ upper, and an empty row
+0 x = 0.  Without any row HiGHS 1.15 now and then returns its starting point as optimal, after 0
+iterations (always for a singular P, and for 2 of 40 definite ones of order 24).  With the empty row
+a singular P is no trouble, and the 1e-7 that HiGHS adds to the diagonal of P by default, which
+would set the accuracy, is switched off.
 
-Accuracy: ρ is a hundredth of what `asked` allows, between 1e-12 and 1e-7: A x is off by some ρ
-relative to the force.  The feasibility tolerances are the residual that `asked` allows, not below
-HiGHS's least, 1e-10.  HiGHS's QP solver takes no start: `setSolution` and `setBasis` leave its
-iterations as they are.
+Accuracy: the feasibility tolerances are the residual that `asked` allows, not below HiGHS's least,
+1e-10; an active-set method is exact once it has the working set.  HiGHS's QP solver takes no start:
+`setSolution` and `setBasis` leave its iterations as they are.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class HiGHS(PackageSolver):
 
     name: ClassVar[str] = "highs"
     package: ClassVar[str] = "highspy"
-    regularisation: ClassVar[str] = "1e-12 to 1e-7 on the diagonal of P, by the accuracy asked"
+    regularisation: ClassVar[str] = "none (1e-7 on the diagonal of P with its default settings)"
     statuses: ClassVar[dict[Any, Status]] = {
         "kOptimal": Status.SOLVED,
         "kUnknown": Status.INACCURATE,
@@ -49,14 +49,15 @@ class HiGHS(PackageSolver):
     }
 
     def arrays(self, posed: Posed) -> Any:
-        """The arguments of `Highs.passModel`: no rows, and the lower triangle of P by columns."""
-        n, none = posed.n, np.zeros(0)
-        start, index = np.zeros(n + 1, np.int32), np.zeros(0, np.int32)
-        P = sp.csc_matrix(posed.P_upper.T)
+        """The arguments of `Highs.passModel`, with the lower triangle of P by columns."""
+        n, P = posed.n, sp.csc_matrix(posed.P_upper.T)
         P.sort_indices()
+        no_value, no_index, zero = np.zeros(0), np.zeros(0, np.int32), np.zeros(1)
+        start, continuous = np.zeros(n + 1, np.int32), np.zeros(n, np.int32)
         return (
-            n, 0, 0, P.nnz, _COLUMNWISE, _TRIANGULAR, _MINIMISE, 0.0, posed.q, posed.lower,
-            posed.upper, none, none, start, index, none, P.indptr, P.indices, P.data, np.zeros(n, np.int32),
+            n, 1, 0, P.nnz, _COLUMNWISE, _TRIANGULAR, _MINIMISE, 0.0,
+            posed.q, posed.lower, posed.upper, zero, zero,
+            start, no_index, no_value, P.indptr, P.indices, P.data, continuous,
         )  # fmt: skip
 
     def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
@@ -69,8 +70,7 @@ class HiGHS(PackageSolver):
             tolerance = posed.residual_tolerance(asked, 1e-10)
             options["primal_feasibility_tolerance"] = tolerance
             options["dual_feasibility_tolerance"] = tolerance
-            little = min(max(0.01 * asked / posed.force, 1e-12), 1e-7)
-            options["qp_regularization_value"] = little
+            options["qp_regularization_value"] = 0.0
         for option, value in options.items():
             model.setOptionValue(option, value)
         model.passModel(*arrays)
