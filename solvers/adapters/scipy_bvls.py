@@ -1,0 +1,60 @@
+"""Bounded-variable least squares, Lawson and Hanson's, as in SciPy (Stark and Parker 1995).
+
+The problem is posed as it is, min ‖A x + d‖ with bounds, by `scipy.optimize.lsq_linear`; only, A is
+replaced by R and d by Qᵀd, A = Q R: SciPy stops at a relative change of ½‖A x + d‖², which the part
+of d that no contact can change would swamp.  Fixed rows are eliminated, as SciPy refuses them.
+
+Accuracy: an active-set method is exact once it has the working set.  SciPy has one tolerance, for
+the signs of Δ and for the relative change of the cost; it is 1e-18 unless the defaults are asked
+for, so that SciPy goes on until the cost stops falling.  There is no warm start.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from problems.qp import Status
+from solvers.adapters.forms import Built, Native, Outcome, PackageSolver, Posed
+from solvers.base import Form, Start
+
+
+@dataclass(frozen=True)
+class ScipyBVLS(PackageSolver):
+    """Lawson and Hanson's bounded-variable least squares, as in SciPy."""
+
+    max_iterations: int = 1_000
+
+    name: ClassVar[str] = "scipy_bvls"
+    package: ClassVar[str] = "scipy"
+    form: ClassVar[Form] = "least_squares"
+    dense: ClassVar[bool] = True
+    statuses: ClassVar[dict[Any, Status]] = {
+        1: Status.SOLVED,
+        2: Status.SOLVED,
+        3: Status.SOLVED,
+        0: Status.ITERATION_LIMIT,
+    }
+
+    def arrays(self, posed: Posed) -> Any:
+        """R, −Qᵀd and the bounds."""
+        Q, R = np.linalg.qr(posed.dense)
+        return R, -(Q.T @ posed.d), (posed.lower, posed.upper)
+
+    def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
+        """Nothing but the settings."""
+        settings: dict[str, Any] = {"method": "bvls", "max_iter": self.max_iterations}
+        if asked is not None:
+            settings["tol"] = 1e-18
+        return Native(problem.posed, settings, problem.arrays)
+
+    def run(self, native: Native) -> Any:
+        """`scipy.optimize.lsq_linear`."""
+        return lsq_linear(*native.arrays, **native.object)
+
+    def outcome(self, native: Native, result: Any) -> Outcome:
+        """SciPy's status and iterations."""
+        return Outcome(result.x, result.status, result.nit)
