@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from harness.machine import problems_version, solver_version
@@ -43,20 +43,19 @@ def record(
 
     solver = make_solver("lotstedt") if solver is None else solver
     run = simulate(scene, solver, eps=eps, until=until, progress=step, **options)
-    chosen = {"solver": solver.name, "until": end, **options}
-    return recording_of(run, chosen, eps=eps, progress=progress)
+    return recording_of(run, solver.name, until=end, progress=progress)
 
 
 def recording_of(
     run: Any,
-    chosen: Mapping[str, Any],
+    solver_name: str,
     *,
-    eps: float | None = None,
+    until: float | None = None,
     progress: Progress | None = None,
 ) -> Recording:
     """The recording of a finished `problems.Run`, with references.
 
-    chosen : how it was run; joins the scene's parameters as "run.solver", "run.until", …
+    How it was run joins the scene's parameters, as "run.solver", "run.until", "run.friction", …
     """
     references = []
     for i, qp in enumerate(run.qps):
@@ -65,16 +64,17 @@ def recording_of(
         references.append(reference(qp))
     if progress is not None:
         progress("reference", len(run.qps), len(run.qps))
-    scene, version = run.scene, solver_version(chosen["solver"])
+    scene, version = run.scene, solver_version(solver_name)
+    how = {"solver": solver_name, "until": until, **run.options}
     return Recording(
         scene=scene.label,
         parameters={
             **scene.parameters,
-            **{f"run.{name}": value for name, value in chosen.items() if value is not None},
+            **{f"run.{name}": value for name, value in how.items() if value is not None},
         },
-        eps=float(scene.eps if eps is None else eps),
+        eps=float(run.options["eps"]),
         gravity=float(scene.gravity),
-        code_version=f"problems: {problems_version()}; solver: {chosen['solver']}, {version}",
+        code_version=f"problems: {problems_version()}; {solver_name}: {version}",
         qps=tuple(run.qps),
         solutions=tuple(run.solutions),
         references=tuple(references),

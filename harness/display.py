@@ -1,0 +1,190 @@
+"""What the command line prints: tables of scenes, solvers, recordings, rows and misses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from harness.recording import Recording
+from harness.verify import ACCURATE_CLASS
+from problems.qp import KINDS
+from solvers.registry import SolverInfo
+
+
+def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> Table:
+    """A plain table; columns whose name starts with ">" are set to the right."""
+    made = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
+    for name in columns:
+        right = name.startswith(">")
+        # Names are read whole or not at all; only the last column may wrap.
+        made.add_column(
+            name.lstrip(">"),
+            justify="right" if right else "left",
+            no_wrap=name != columns[-1],
+            header_style="dim",
+        )
+    for row in rows:
+        made.add_row(*(Text(str(value)) for value in row))
+    return made
+
+
+def scenes_table(described: Mapping[str, tuple[str, Mapping[str, Any]]]) -> Table:
+    """Scenes with what they are and their parameters."""
+    return table(
+        "Scenes",
+        ("name", "what it is and its parameters"),
+        (
+            (name, f"{summary}\n" + ", ".join(f"{k}={v}" for k, v in defaults.items()))
+            for name, (summary, defaults) in described.items()
+        ),
+    )
+
+
+def solvers_table(described: Sequence[SolverInfo]) -> Table:
+    """Solvers that are here, with what they are fed and what a warm start carries."""
+    return table(
+        "Solvers (* held to miss no A x at all)",
+        ("name", "version", "what it is, is fed, carries over and adds"),
+        (
+            (
+                f"{s.name}*" if s.name in ACCURATE_CLASS else s.name,
+                f"{s.package} {s.version}",
+                f"{s.summary}\nform: {s.form}; warm start: {s.warm_start}; adds: "
+                f"{s.regularisation}",
+            )
+            for s in described
+            if s.available
+        ),
+    )
+
+
+def print_recording(console: Console, recording: Recording, path: str) -> None:
+    """What a recording holds."""
+    from harness.cost_model import criterion_of
+    from harness.facts import facts_of
+
+    qps = recording.qps
+    kinds = ", ".join(
+        f"{sum(qp.kind == kind for qp in qps)} {kind}"
+        for kind in KINDS
+        if any(qp.kind == kind for qp in qps)
+    )
+    facts = [facts_of(qp) for qp in qps]
+    deficient = sum(f.rank < f.qp.k for f in facts)
+    referenced = sum(reference is not None for reference in recording.references)
+    criterion = criterion_of(recording)
+    events: dict[str, int] = {}
+    for event in recording.events:
+        events[event.kind] = events.get(event.kind, 0) + 1
+    lines: list[tuple[str, Any]] = [
+        ("file", path),
+        ("scene", recording.scene),
+        ("parameters", ", ".join(f"{k}={v}" for k, v in recording.parameters.items())),
+        ("digest", recording.digest),
+        ("made by", recording.code_version),
+        ("motion", _motion(recording)),
+        ("counts", ", ".join(f"{v} {k}" for k, v in recording.counts.items())),
+        ("events", ", ".join(f"{v} {k}" for k, v in sorted(events.items())) or "none"),
+        ("QPs", f"{len(qps)}: {kinds}" if qps else "none"),
+    ]
+    if qps:
+        sizes = [(qp.m, qp.k) for qp in qps]
+        lines += [
+            ("sizes", f"m ≤ {max(m for m, _ in sizes)}, k ≤ {max(k for _, k in sizes)}"),
+            ("rank deficient", f"{deficient} of {len(qps)} ({deficient / len(qps):.0%})"),
+            ("references", f"{referenced} of {len(qps)} accepted"),
+            (
+                "criterion",
+                f"C_QR {criterion.C_QR:.0f}, C_IT {criterion.C_IT:.0f} flops, "
+                f"√(2 C_QR/C_IT) = {criterion.threshold:.2f}",
+            ),
+        ]
+    for name, value in lines:
+        console.print(Text(f"{name:15s} {value}"), soft_wrap=True)
+
+
+def _motion(recording: Recording) -> str:
+    if not len(recording.t):
+        return "none"
+    bodies = recording.q.shape[1]
+    return f"t = {recording.t[0]:g} to {recording.t[-1]:g} s, {bodies} bodies"
+
+
+def print_run(console: Console, run: Any) -> None:
+    """How a simulation ended: counts, and where each body is."""
+    counts = ", ".join(f"{v} {k}" for k, v in run.counts.items())
+    console.print(Text(f"{run.scene.label}: t = {run.t[-1]:.6g} s; {counts}"))
+    last = run.trajectory.tail(run.q.shape[1])
+    names = ["body", "x", "y", "phi", "vx", "vy", "omega"]
+    console.print(
+        table(
+            "",
+            tuple(f">{name}" for name in names),
+            ([int(row[0]), *(f"{v:.4f}" for v in row[1:])] for row in last[names].to_numpy()),
+        )
+    )
+
+
+def replay_table(rows: pd.DataFrame) -> Table:
+    """One line per solver, setting and arm over all scenes."""
+    lines = []
+    for (solver, setting, arm), part in rows.groupby(["solver", "settings", "arm"], sort=True):
+        done = part[part["verdict"] != "skipped"]
+        lines.append(
+            (
+                solver,
+                setting,
+                arm,
+                len(done),
+                len(part) - len(done),
+                f"{(done['verdict'] == 'verified').mean():.1%}" if len(done) else "–",
+                _scientific(done["glambda_error"].max()),
+                _scientific(1e6 * done["runtime"].median(), "{:.1f}"),
+            )
+        )
+    columns = ("solver", "setting", "arm", ">solved", ">skipped", ">verified", ">max error", ">µs")
+    return table("Replayed (error: ‖A(x − x*)‖/scale; µs: median per QP)", columns, lines)
+
+
+def misses_table(lines: pd.DataFrame, title: str) -> Table:
+    """Lines of `harness.verify.misses`."""
+    return table(
+        title,
+        (
+            *("scene", "solver", "setting", ">solved", ">skipped", ">missed", ">expected"),
+            *(">worst/asked", "reason"),
+        ),
+        (
+            (
+                line.scene,
+                line.solver,
+                line.settings,
+                line.solves,
+                line.skipped,
+                line.missed,
+                "–" if pd.isna(line.expected) else line.expected,
+                _scientific(line.worst),
+                line.reason,
+            )
+            for line in lines.itertuples()
+        ),
+    )
+
+
+def print_row(console: Console, row: Mapping[str, Any]) -> None:
+    """Every column of one solve."""
+    for name, value in row.items():
+        if isinstance(value, np.ndarray):
+            value = np.array2string(value, max_line_width=80)
+        if value is not None:
+            console.print(Text(f"{name:20s} {value}"), soft_wrap=True)
+
+
+def _scientific(value: float, form: str = "{:.1e}") -> str:
+    return "–" if value is None or np.isnan(value) else form.format(value)

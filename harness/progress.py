@@ -1,0 +1,55 @@
+"""Showing how far something long has got: a bar on a terminal, now and then a line elsewhere."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+Tell = Callable[[str, float, float], None]
+"""tell(what, done, total)."""
+
+LINE_EVERY = 20.0
+"""Seconds between two lines where there is no terminal."""
+
+
+@contextmanager
+def shown(title: str, console: Console) -> Iterator[Tell]:
+    """Show the progress that is told to the callable, under `title`, until the block ends."""
+    if not console.is_terminal:
+        yield _Lines(title, console)
+        return
+    columns = (
+        TextColumn("{task.fields[title]}"),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        TextColumn("[dim]{task.description}"),
+    )
+    with Progress(*columns, console=console, transient=True, refresh_per_second=5) as bar:
+        task = bar.add_task("", total=None, title=title)
+
+        def tell(what: str, done: float, total: float) -> None:
+            # Names of solvers have brackets, which are not markup.
+            bar.update(task, description=what.replace("[", "\\["), completed=done, total=total)
+
+        yield tell
+
+
+class _Lines:
+    """A line whenever `LINE_EVERY` seconds have passed, for logs."""
+
+    def __init__(self, title: str, console: Console) -> None:
+        self.title, self.console = title, console
+        self.told = time.monotonic()
+
+    def __call__(self, what: str, done: float, total: float) -> None:
+        now = time.monotonic()
+        if now - self.told >= LINE_EVERY and total > 0:
+            self.told = now
+            line = f"{self.title}: {100 * done / total:.0f} % {what}"
+            self.console.print(line, markup=False, highlight=False)

@@ -1,0 +1,171 @@
+"""The whole study: record → replay → report, into one results folder that can be continued.
+
+1. Each scene is recorded into RESULTS/recordings, unless a recording by the same code and with the
+   same parameters is there.
+2. The recordings are replayed through the backends; finished passes are kept (`harness.store`).
+3. The report is written into RESULTS/report.
+
+`QUICK` is the same with shorter motions, one pass and the fast backends: about a minute.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from harness.facts import SETTINGS
+from harness.machine import library_versions, machine, problems_version, solver_version
+from harness.record import Progress, record
+from harness.recording import Recording, RecordingError, read_recording, write_recording
+from harness.replay import ARMS, replay
+from harness.store import Store
+from problems import scene as make_scene
+from solvers import available_solvers
+
+PAPER_SCENES = ("fig2", "fig3", "fig4", "fig5")
+VARIANTS = ("lotstedt[exact_qr]", "lotstedt[no_working_set]", "lotstedt[plain_cg]")
+"""Variants of the paper's method that the study compares with it."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a study does.
+
+    scenes : labels, such as "fig4" or "fig4,mu_I=0.8"
+    until : end of the motions [s]; None: each scene's own
+    solvers : names; empty: every backend that is installed, and the variants of the paper's method
+    """
+
+    scenes: tuple[str, ...] = PAPER_SCENES
+    until: float | None = None
+    solvers: tuple[str, ...] = ()
+    settings: tuple[str, ...] = SETTINGS
+    arms: tuple[str, ...] = ARMS
+    repeats: int = 3
+    time_limit: float = 1.0
+    slow_pass: float = 5.0
+
+    def named_solvers(self) -> tuple[str, ...]:
+        """The solvers, written out."""
+        return self.solvers or (*available_solvers(), *VARIANTS)
+
+    @property
+    def identity(self) -> str:
+        """Eight hexadecimal digits that tell studies apart."""
+        return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()[:8]
+
+
+QUICK = Plan(
+    until=1.0,
+    solvers=(
+        *("lotstedt", "velocity", "pgs", "scipy_bvls", "osqp", "proxqp"),
+        *("clarabel", "daqp", "quadprog", "piqp"),
+    ),
+    settings=("high",),
+    repeats=1,
+)
+"""About a minute on two cores."""
+
+
+def parse_label(label: str) -> tuple[str, dict[str, Any]]:
+    """Scene name and parameters of a label such as "fig4,mu_I=0.8".
+
+    Raises ValueError for a parameter without a value.
+    """
+    name, *chosen = label.split(",")
+    return name, parse_settings(chosen)
+
+
+def parse_settings(pairs: Sequence[str]) -> dict[str, Any]:
+    """{name: value} of "name=value" strings; values become bool, int or float where they can.
+
+    Raises ValueError for a string without "=".
+    """
+    values: dict[str, Any] = {}
+    for pair in pairs:
+        name, equals, text = pair.partition("=")
+        if not (equals and name and text):
+            raise ValueError(f"{pair!r} is no setting; write name=value, such as mu_I=0.8")
+        values[name.strip()] = _value(text.strip())
+    return values
+
+
+def _value(text: str) -> Any:
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
+
+
+def record_into(
+    folder: Path, label: str, *, until: float | None = None, progress: Progress | None = None
+) -> Recording:
+    """The recording of a scene by the paper's method, from `folder` if it is there and current."""
+    name, parameters = parse_label(label)
+    scene = make_scene(name, **parameters)
+    path = folder / f"{scene.label}.h5"
+    if path.exists():
+        try:
+            kept = read_recording(path)
+        except RecordingError:
+            kept = None  # damaged: made anew
+        if kept is not None and _is_current(kept, scene, until):
+            return kept
+    recording = record(scene, until=until, progress=progress)
+    if path.exists() and kept is not None:
+        # Other content is the store's to refuse; the same content keeps its file.
+        Store(folder.parent).add_recording(recording)
+        return recording
+    write_recording(path, recording)
+    return recording
+
+
+def _is_current(recording: Recording, scene: Any, until: float | None) -> bool:
+    code = f"problems: {problems_version()}; lotstedt: {solver_version('lotstedt')}"
+    end = float(scene.end_time if until is None else until)
+    kept = recording.parameters
+    same = all(kept.get(name) == value for name, value in scene.parameters.items())
+    return recording.code_version == code and kept.get("run.until") == end and same
+
+
+def run_study(plan: Plan, results: Path, *, progress: Progress | None = None) -> list[Recording]:
+    """Record and replay; the report is the command line's to call, since it is another package's.
+
+    Raises as `record` and `replay` do.  Whatever was finished before an interruption is kept.
+    """
+    solvers = plan.named_solvers()
+    store = Store(results)
+    store.write_study(
+        {
+            "machine": machine(),
+            "libraries": library_versions(),
+            "solvers": {name: solver_version(name) for name in solvers},
+            "arguments": {**asdict(plan), "solvers": solvers},
+            "study": plan.identity,
+        }
+    )
+    recordings = [
+        record_into(results / "recordings", label, until=plan.until, progress=progress)
+        for label in plan.scenes
+    ]
+    replay(
+        recordings,
+        solvers,
+        plan.settings,
+        plan.arms,
+        results=results,
+        repeats=plan.repeats,
+        time_limit=plan.time_limit,
+        slow_pass=plan.slow_pass,
+        study=plan.identity,
+        progress=progress,
+    )
+    return recordings

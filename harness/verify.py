@@ -1,0 +1,76 @@
+"""Does every backend reproduce the same Gλ?
+
+1. Replay the recordings through every backend, cold and warm, at the settings `paper` and `high`.
+2. Count the rows whose A x is not within ten times the accuracy asked (verdict not verified).
+3. The accurate class must not miss once.  The others are held to the committed table of expected
+   misses (`harness.expected_misses`): a count that rises is a failure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from harness.expected_misses import ACCURATE_CLASS, EXPECTED, SCENES
+from harness.recording import Recording
+from harness.replay import Progress, replay
+
+VERIFY_SETTINGS = ("paper", "high")
+
+
+def verify(
+    recordings: Iterable[Recording | str | Path],
+    solvers: Sequence[str],
+    *,
+    results: str | Path | None = None,
+    progress: Progress | None = None,
+) -> pd.DataFrame:
+    """Replay and count misses.
+
+    Returns the table of `misses`.  Raises as `harness.replay.replay` does.
+    """
+    rows = replay(
+        recordings, solvers, VERIFY_SETTINGS, repeats=1, results=results, progress=progress
+    )
+    return misses(rows)
+
+
+def misses(rows: pd.DataFrame) -> pd.DataFrame:
+    """One line per (scene, solver, setting) with columns
+
+    scene, solver, settings, accurate, solves, skipped, missed, worst, expected, holds, reason
+
+    worst : largest error in multiples of the accuracy asked
+    expected : misses allowed, or NA where nothing is expected
+    holds : whether `missed` is within what is expected
+    """
+    out = []
+    for (scene, solver, setting), part in rows.groupby(["scene", "solver", "settings"]):
+        done = part[part["verdict"] != "skipped"]
+        accurate = solver.partition("[")[0] in ACCURATE_CLASS
+        known = EXPECTED.get(solver)
+        allowed: int | None = 0
+        if not accurate:
+            listed = known.counts.get((scene, setting), 0) if known else 0
+            allowed = listed if scene in SCENES else None
+        missed = int((done["verdict"] != "verified").sum())
+        error = done["glambda_error"] * done["scale"]
+        worst = error.fillna(done["error_bound"]) / done["asked"]
+        out.append(
+            {
+                "scene": scene,
+                "solver": solver,
+                "settings": setting,
+                "accurate": accurate,
+                "solves": len(done),
+                "skipped": len(part) - len(done),
+                "missed": missed,
+                "worst": float(worst.max()) if len(done) else float("nan"),
+                "expected": allowed,
+                "holds": allowed is None or missed <= allowed,
+                "reason": known.reason if known and missed else "",
+            }
+        )
+    return pd.DataFrame(out).astype({"expected": "Int64"})
