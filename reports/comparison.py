@@ -7,7 +7,8 @@ mean over different QPs for different solvers; a shift that swallows the times i
    runs as it would in a simulation: warm where it has a warm arm, else cold.
 2. A run that skipped more than `SKIP_LIMIT` of a scene's QPs (a method for few contacts only, or
    an unfinished replay) is left out and listed with its reason; the others are compared.
-3. Means run over the QPs that no compared run skipped: the common set.
+3. Means run over the QPs that no compared run skipped, less those of free flight, which have no
+   multiplier and so nothing to solve: the common set.
 4. A row that is not verified is charged `TIME_LIMIT`, whatever the solver claimed.
 5. The mean is the shifted geometric mean exp(mean(log(t + s))) − s with s = `SHIFT`, far below the
    times measured, so that it does not turn into an arithmetic mean.
@@ -15,6 +16,7 @@ mean over different QPs for different solvers; a shift that swallows the times i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,7 +51,7 @@ class Comparison:
 
     arm : "cold" or "warm"
     rows : the rows of the compared runs on the common set, with a column `charged` [s]
-    qps, common : QPs of the scene that some run was given, and those that no compared run skipped
+    qps, common : QPs of the scene with something to solve, and those that no compared run skipped
     without_warm : solvers that have no warm arm and stand with their cold one
     left_out : runs that are not compared
     machines : where the times were measured; only one machine's rows are kept
@@ -76,26 +78,44 @@ class Comparison:
         return table[self.solvers]
 
     def summary(self) -> pd.DataFrame:
-        """One row per solver: `median` and `mean` [s], `verified` share, `ratio` to the best.
+        """`summarise` of its rows, by the median."""
+        return summarise(self.rows)
 
-        `median` is of the runtimes as measured; `mean` is the shifted geometric mean of the
-        charged ones.  `best` marks the solver of least median among those verified on every
-        common QP, and `ratio` is the median over the best one's; NaN where there is no such
-        solver.
-        """
-        grouped = self.rows.groupby("solver")
-        table = pd.DataFrame(
-            {
-                "median": grouped["runtime"].median(),
-                "mean": grouped["charged"].apply(shifted_geometric_mean),
-                "verified": grouped["verified"].mean(),
-            }
-        ).loc[self.solvers]
-        sound = table.loc[table["verified"] == 1.0, "median"]
-        best = sound.idxmin() if len(sound) else None
-        table["best"] = table.index == best
-        table["ratio"] = table["median"] / sound[best] if best is not None else np.nan
-        return table
+
+def summarise(rows: pd.DataFrame, by: str = "median") -> pd.DataFrame:
+    """One row per solver: `median` and `mean` [s], `verified` share, `best`, `ratio` to the best.
+
+    rows : of compared runs on common QPs, with a column `charged`
+    by : "median" or "mean", what the best is chosen by and the ratio is of
+
+    `median` is of the runtimes as measured; `mean` is the shifted geometric mean of the charged
+    ones.  `best` marks the fastest solver among those verified on every QP, and `ratio` is its
+    multiple; NaN where no solver is verified on every QP.
+    """
+    grouped = rows.groupby("solver")
+    table = pd.DataFrame(
+        {
+            "median": grouped["runtime"].median(),
+            "mean": grouped["charged"].apply(shifted_geometric_mean),
+            "verified": grouped["verified"].mean(),
+        }
+    )
+    table = table.loc[sorted(table.index, key=solver_order)]
+    sound = table.loc[table["verified"] == 1.0, by]
+    best = sound.idxmin() if len(sound) else None
+    table["best"] = table.index == best
+    table["ratio"] = table[by] / sound[best] if best is not None else np.nan
+    return table
+
+
+def pool(comparisons: Sequence[Comparison]) -> pd.DataFrame:
+    """Rows of several scenes together, of the solvers that are compared in every one of them."""
+    filled = [comparison for comparison in comparisons if len(comparison.rows)]
+    if not filled:
+        return pd.DataFrame(columns=["problem", "solver", "runtime", "charged", "verified"])
+    shared = set.intersection(*(set(comparison.solvers) for comparison in filled))
+    rows = pd.concat([comparison.rows for comparison in filled], ignore_index=True)
+    return rows[rows["solver"].isin(shared)]
 
 
 def shifted_geometric_mean(times: ArrayLike, shift: float = SHIFT) -> float:
@@ -115,7 +135,7 @@ def compare(rows: pd.DataFrame, scene: str, setting: str, arm: str) -> Compariso
     """
     if arm not in ARMS:
         raise ValueError(f"arm {arm!r} is unknown; choose one of {', '.join(ARMS)}")
-    part = rows[(rows["scene"] == scene) & (rows["settings"] == setting)]
+    part = rows[(rows["scene"] == scene) & (rows["settings"] == setting) & (rows["k"] > 0)]
     part, without_warm = _runs(part, arm)
     machines = part["machine"].astype(str).value_counts(sort=True)
     names = tuple(sorted(machines.index, key=lambda name: (-machines[name], name)))

@@ -1,8 +1,12 @@
 """Pictures of the bodies: a sheet of frames like the paper's figures 2 to 5, and an animation.
 
 Each frame shows the bodies with their numbers (from 1, as in the paper; they turn with the body),
-the ground, and the spring where the scene names its anchor.  The time in seconds stands under the
-frame.  All frames of a sheet have the same limits and equal axes.
+the ground, and the spring where there is one.  The time in seconds stands under the frame.
+
+All frames of a sheet have one scale and equal axes.  Where the bodies stay together they also have
+the same limits, side by side in a grid.  Where the bodies drift apart (figure 2) common limits
+would leave nothing but ground: there each frame is as wide as it needs, and a tick on the ground
+marks x = 0.
 """
 
 from __future__ import annotations
@@ -14,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from reports.motion import Array, Motion, frame_steps, motion_of
+from reports.motion import Array, Motion, frame_times, motion_of
 from reports.style import BODIES, FAINT, INK, PAGE_WIDTH, SOFT, drawing, save
 
 if TYPE_CHECKING:
@@ -23,37 +27,45 @@ if TYPE_CHECKING:
 FRAMES = 12
 """Pictures on a sheet unless told otherwise."""
 
+GROUND = 0.0
+"""Height of the ground line [m]; a recording keeps no other."""
+
+GAP, CAPTION, TITLE = 0.12, 0.26, 0.3
+"""Between frames, below each, above all [in]."""
+
 
 @dataclass(frozen=True)
 class Window:
-    """Limits that all frames share [m], and the height of the ground (None: not in view)."""
+    """Limits of a frame [m]."""
 
     left: float
     right: float
     bottom: float
     top: float
-    ground: float = 0.0
 
     @property
-    def aspect(self) -> float:
-        """Height over width."""
-        return (self.top - self.bottom) / (self.right - self.left)
+    def width(self) -> float:
+        return self.right - self.left
+
+    @property
+    def height(self) -> float:
+        return self.top - self.bottom
+
+    def with_heights_of(self, others: Sequence[Window]) -> Window:
+        """The same from left to right, and as low and high as any of the others."""
+        low, high = min(w.bottom for w in others), max(w.top for w in others)
+        return Window(self.left, self.right, low, high)
 
 
-def window_of(motion: Motion, steps: Sequence[int]) -> Window:
-    """The least window that holds all bodies, springs and the ground at the given steps."""
-    points: list[Array] = []
-    for step in steps:
-        for body in range(motion.q.shape[1]):
-            points.extend(motion.corners(step, body))
-        spring = motion.spring(step)
-        if spring is not None:
-            points.append(np.stack(spring))
+def window_of(motion: Motion, poses: Sequence[Array]) -> Window:
+    """The least window, with a margin, that holds all bodies, springs and the ground."""
+    points = [np.concatenate(motion.corners(pose, i)) for pose in poses for i in range(len(pose))]
+    points += [ends for pose in poses for ends in motion.spring_ends(pose)]
     everything = np.concatenate(points)
     (left, low), (right, high) = everything.min(axis=0), everything.max(axis=0)
-    low = min(low, 0.0)
-    margin = 0.04 * max(right - left, high - low)
-    return Window(left - margin, right + margin, low - 1.5 * margin, high + margin)
+    low = min(low, GROUND)
+    margin = 0.06 * (high - low) + 0.02 * (right - left)
+    return Window(left - margin, right + margin, low - margin, high + margin)
 
 
 def plot_scene(
@@ -66,44 +78,83 @@ def plot_scene(
     """Draw a sheet of frames of a `Run` or `Recording` into `path` (.png, .svg or .pdf).
 
     frames : how many pictures, spread over time and motion
-    times : instead, the times wanted [s]; each picture is the nearest accepted step
+    times : instead, the times wanted [s]; between accepted steps the motion is taken as linear
 
     Returns the path.  Raises ValueError where there is nothing to draw.
     """
     motion = motion_of(source)
-    if times is None:
-        steps = frame_steps(motion, frames)
-    else:
-        steps = [motion.step_at(time) for time in times]
-    if not steps:
+    wanted = frame_times(motion, frames) if times is None else [float(time) for time in times]
+    if not wanted:
         raise ValueError("times is empty; give at least one, or leave it out")
-    window = window_of(motion, steps)
-    columns = _columns(len(steps), window.aspect)
-    rows = -(-len(steps) // columns)
-    gap, caption, title = 0.12, 0.24, 0.3
-    width = (PAGE_WIDTH - gap * (columns - 1)) / columns
-    height = width * window.aspect
-    total = title + rows * (height + caption)
+    poses = [motion.pose(time) for time in wanted]
+    rows, scale = _layout(motion, poses)
+    heights = [scale * row[0].height for row in rows]
+    total = TITLE + sum(heights) + CAPTION * len(rows)
+    apart = len({(w.left, w.right) for row in rows for w in row}) > 1
     with drawing() as Figure:
         figure = Figure(figsize=(PAGE_WIDTH, total))
         figure.text(0.0, 1 - 0.07 / total, motion.label, va="top", weight="bold", size=10)
-        for place, step in enumerate(steps):
-            row, column = divmod(place, columns)
-            left = column * (width + gap) / PAGE_WIDTH
-            bottom = 1 - (title + (row + 1) * height + row * caption) / total
-            axes = figure.add_axes((left, bottom, width / PAGE_WIDTH, height / total))
-            draw_bodies(axes, motion, step, window)
-            axes.text(
-                0.5,
-                -0.04 / height,
-                f"{motion.t[step]:.4f} s",
-                transform=axes.transAxes,
-                ha="center",
-                va="top",
-                size=8,
-                color=INK,
-            )
+        number, bottom = 0, total - TITLE
+        for row, height in zip(rows, heights, strict=True):
+            bottom -= height
+            left = 0.0
+            for window in row:
+                width = scale * window.width
+                axes = figure.add_axes(
+                    (left / PAGE_WIDTH, bottom / total, width / PAGE_WIDTH, height / total)
+                )
+                draw_bodies(axes, motion, poses[number], window, origin=apart)
+                figure.text(
+                    (left + width / 2) / PAGE_WIDTH,
+                    (bottom - 0.05) / total,
+                    f"{wanted[number]:.4f} s",
+                    ha="center",
+                    va="top",
+                    size=8,
+                )
+                left += width + GAP
+                number += 1
+            bottom -= CAPTION
         return save(figure, Path(path))
+
+
+def _layout(motion: Motion, poses: Sequence[Array]) -> tuple[list[list[Window]], float]:
+    """Windows of the frames, row by row, and the scale of the sheet [in/m]."""
+    common = window_of(motion, poses)
+    own = [window_of(motion, [pose]) for pose in poses]
+    if np.median([window.width for window in own]) > 0.5 * common.width:
+        columns = _columns(len(poses), common.height / common.width)
+        scale = (PAGE_WIDTH - GAP * (columns - 1)) / (columns * common.width)
+        grid = [[common] * len(poses[i : i + columns]) for i in range(0, len(poses), columns)]
+        return grid, scale
+    scale = PAGE_WIDTH / max(window.width for window in own)
+    rows: list[list[Window]] = []
+    room = 0.0
+    for window in own:
+        if not rows or scale * window.width > room + 1e-9:
+            rows.append([])
+            room = PAGE_WIDTH
+        rows[-1].append(window)
+        room -= scale * window.width + GAP
+    return [_justified([w.with_heights_of(row) for w in row], scale) for row in rows], scale
+
+
+def _justified(row: list[Window], scale: float) -> list[Window]:
+    """Widen the frames of a row until it is full."""
+    spare = PAGE_WIDTH - GAP * (len(row) - 1) - scale * sum(window.width for window in row)
+    more = max(spare, 0.0) / (2 * scale * len(row))
+    return [Window(w.left - more, w.right + more, w.bottom, w.top) for w in row]
+
+
+def _columns(count: int, aspect: float) -> int:
+    """Frames side by side: a sheet about three quarters as high as wide, its last row full."""
+
+    def fault(columns: int) -> float:
+        rows = -(-count // columns)
+        shape = np.log((rows * (aspect / columns + 0.03) + 0.04) / 0.75)
+        return float(abs(shape)) + 0.5 * (rows * columns - count) / columns
+
+    return min(range(2 if count > 1 else 1, min(count, 6) + 1), key=fault)
 
 
 def animate_scene(source: Any, path: str | Path, *, fps: int = 25, speed: float = 1.0) -> Path:
@@ -123,67 +174,64 @@ def animate_scene(source: Any, path: str | Path, *, fps: int = 25, speed: float 
     from matplotlib.animation import PillowWriter
 
     motion = motion_of(source)
-    span = motion.t[-1] - motion.t[0]
-    pictures = max(1, round(span / speed * fps))
-    shown = [motion.step_at(t) for t in motion.t[0] + np.arange(pictures + 1) * (span / pictures)]
-    # A hundred pictures tell as much about the window as all of them.
-    window = window_of(motion, [*shown[:: max(1, len(shown) // 100)], shown[-1]])
-    width = 6.4 if window.aspect < 1 else 6.4 / window.aspect
+    begin, end = float(motion.t[0]), float(motion.t[-1])
+    times = np.linspace(begin, end, max(2, 1 + round((end - begin) / speed * fps)))
+    poses = [motion.pose(time) for time in times]
+    window = window_of(motion, poses)
+    width = min(7.0, 5.0 * window.width / window.height)
+    height, caption = width * window.height / window.width, 0.3
     path.parent.mkdir(parents=True, exist_ok=True)
     with drawing() as Figure:
-        height = width * window.aspect
-        figure = Figure(figsize=(width, height + 0.3), facecolor="white")
-        axes = figure.add_axes((0, 0.3 / (height + 0.3), 1, height / (height + 0.3)))
+        figure = Figure(figsize=(width, height + caption), facecolor="white")
+        base = caption / (height + caption)
+        axes = figure.add_axes((0, base, 1, 1 - base))
+        clock = figure.text(0.5, 0.5 * base, "", ha="center", va="center")
         writer = PillowWriter(fps=fps)
-        with writer.saving(figure, str(path), dpi=80):
-            for step in shown:
+        with writer.saving(figure, str(path), dpi=90):
+            for time, pose in zip(times, poses, strict=True):
                 axes.clear()
-                draw_bodies(axes, motion, step, window)
-                axes.text(
-                    0.5,
-                    -0.06 / height,
-                    f"{motion.t[step]:.2f} s",
-                    transform=axes.transAxes,
-                    ha="center",
-                    va="top",
-                )
+                draw_bodies(axes, motion, pose, window)
+                clock.set_text(f"{time:.2f} s")
                 writer.grab_frame()
     return path
 
 
-def draw_bodies(axes: Axes, motion: Motion, step: int, window: Window) -> None:
-    """Draw bodies, numbers, ground and spring of one step, with equal axes and no frame."""
+def draw_bodies(
+    axes: Axes, motion: Motion, pose: Array, window: Window, *, origin: bool = False
+) -> None:
+    """Draw bodies, numbers, ground and spring in a window of the plane, without axes.
+
+    origin : mark x = 0 by a tick on the ground
+    """
     from matplotlib.patches import Polygon, Rectangle
 
     axes.set_xlim(window.left, window.right)
     axes.set_ylim(window.bottom, window.top)
     axes.set_axis_off()
-    axes.add_patch(
-        Rectangle(
-            (window.left, window.bottom),
-            window.right - window.left,
-            window.ground - window.bottom,
-            facecolor=FAINT,
-            edgecolor="none",
-            alpha=0.6,
-        )
+    earth = Rectangle(
+        (window.left, window.bottom),
+        window.width,
+        GROUND - window.bottom,
+        facecolor=FAINT,
+        edgecolor="none",
+        alpha=0.6,
     )
-    axes.plot([window.left, window.right], [window.ground] * 2, color=SOFT, linewidth=0.9, zorder=1)
-    spring = motion.spring(step)
-    if spring is not None:
-        _draw_spring(axes, *spring)
-    for body in range(motion.q.shape[1]):
+    axes.add_patch(earth)
+    axes.plot([window.left, window.right], [GROUND] * 2, color=SOFT, linewidth=0.9, zorder=1)
+    if origin and window.left < 0 < window.right:
+        axes.plot([0, 0], [GROUND, window.bottom], color=SOFT, linewidth=0.9, zorder=1)
+    for ends in motion.spring_ends(pose):
+        _draw_spring(axes, *ends)
+    for body in range(len(pose)):
         colour = BODIES[body % len(BODIES)]
-        for part in motion.corners(step, body):
+        for part in motion.corners(pose, body):
             axes.add_patch(
-                Polygon(part, facecolor=colour, alpha=0.5, edgecolor="none", zorder=2 + body)
+                Polygon(part, facecolor=colour, alpha=0.5, edgecolor="none", zorder=2 + body / 100)
             )
             axes.add_patch(
-                Polygon(
-                    part, fill=False, edgecolor=INK, linewidth=0.8, zorder=30, joinstyle="round"
-                )
+                Polygon(part, fill=False, edgecolor=INK, linewidth=0.8, zorder=3, joinstyle="round")
             )
-        x, y, phi = motion.q[step, body]
+        x, y, phi = pose[body]
         axes.text(
             x,
             y,
@@ -195,7 +243,8 @@ def draw_bodies(axes: Axes, motion: Motion, step: int, window: Window) -> None:
             size=_number_size(axes, motion, body, window),
             weight="bold",
             color=INK,
-            zorder=31,
+            zorder=4,
+            clip_on=True,
         )
 
 
@@ -203,12 +252,12 @@ def _number_size(axes: Axes, motion: Motion, body: int, window: Window) -> float
     """Size of a body's number [pt]: legible, yet inside the body."""
     across = min(float(np.ptp(part, axis=0).min()) for part in motion.polygons[body])
     points = axes.get_position().width * axes.figure.get_figwidth() * 72  # type: ignore[union-attr]
-    return float(np.clip(0.6 * across * points / (window.right - window.left), 3.5, 9))
+    return float(np.clip(0.6 * across * points / window.width, 3.5, 9))
 
 
-def _draw_spring(axes: Axes, anchor: Array, corner: Array) -> None:
-    """A zigzag from the anchor to the corner that it holds."""
-    along = corner - anchor
+def _draw_spring(axes: Axes, anchor: Array, held: Array) -> None:
+    """A zigzag from the anchor to the point that it holds."""
+    along = held - anchor
     length = float(np.hypot(*along))
     if length > 0:
         across = np.array([-along[1], along[0]]) / length * 0.12
@@ -217,13 +266,5 @@ def _draw_spring(axes: Axes, anchor: Array, corner: Array) -> None:
         side[2:-2] = np.where(np.arange(share.size - 4) % 2, -1.0, 1.0)
         points = anchor + share[:, None] * along + side[:, None] * across
         axes.plot(*points.T, color=SOFT, linewidth=0.8, zorder=1.5, solid_joinstyle="round")
-    axes.plot(*anchor, marker="o", markersize=3.5, color=INK, zorder=32)
-    axes.plot(*corner, marker="o", markersize=2, color=INK, zorder=32)
-
-
-def _columns(count: int, aspect: float) -> int:
-    """Frames side by side, so that the sheet is about three quarters as high as it is wide."""
-    return min(
-        range(2 if count > 1 else 1, min(count, 6) + 1),
-        key=lambda n: abs(np.log((-(-count // n) * (aspect / n + 0.03) + 0.04) / 0.75)),
-    )
+    axes.plot(*anchor, marker="o", markersize=3.5, color=INK, zorder=4)
+    axes.plot(*held, marker="o", markersize=2, color=INK, zorder=4)

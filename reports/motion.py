@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -23,45 +22,42 @@ class Motion:
     label : of the scene, such as "fig4,mu_I=0.8"
     t : (n,) times of the accepted steps [s]; a time may occur twice, before and after an impulse
     q : (n, bodies, 3) x, y [m] and φ [rad]
+    v : (n, bodies, 3) their velocities [m/s, m/s, rad/s]
     polygons : per body, its convex parts, each (c, 2) in body coordinates [m]
-    events : (t, kind, detail) in order
-    parameters : those of the scene
+    springs : (body index, point in body coordinates, anchor in the plane) of each
     """
 
     label: str
     t: Array
     q: Array
+    v: Array
     polygons: Sequence[Sequence[Array]]
-    events: Sequence[tuple[float, str, str]]
-    parameters: Mapping[str, Any]
+    springs: Sequence[tuple[int, Sequence[float], Sequence[float]]] = ()
 
-    def corners(self, step: int, body: int) -> list[Array]:
-        """The parts of one body in the plane at one step, each (c, 2) [m]."""
-        x, y, phi = self.q[step, body]
-        turn = np.array([[np.cos(phi), -np.sin(phi)], [np.sin(phi), np.cos(phi)]])
-        return [np.asarray(part) @ turn.T + (x, y) for part in self.polygons[body]]
+    def pose(self, t: float) -> Array:
+        """x, y, φ of each body at time t, (bodies, 3), linear between accepted steps."""
+        flat = self.q.reshape(len(self.t), -1)
+        values = [np.interp(t, self.t, column) for column in flat.T]
+        return np.array(values).reshape(self.q.shape[1:])
 
-    def step_at(self, t: float) -> int:
-        """Index of the accepted step nearest to time t."""
-        return int(np.argmin(np.abs(self.t - t)))
+    def corners(self, pose: Array, body: int) -> list[Array]:
+        """The parts of one body in the plane, each (c, 2) [m]."""
+        return [_moved(pose[body], np.asarray(part)) for part in self.polygons[body]]
 
-    def spring(self, step: int) -> tuple[Array, Array] | None:
-        """Ends of the spring in the plane, (2,) each: its anchor and the corner it holds.
+    def spring_ends(self, pose: Array) -> list[Array]:
+        """Ends of each spring in the plane, (2, 2): its anchor, then the point that it holds."""
+        return [
+            np.stack([np.asarray(anchor, float), _moved(pose[body], np.asarray(point, float))])
+            for body, point, anchor in self.springs
+        ]
 
-        None where the parameters name no `anchor`.  The corner is the parameter `attachment` in
-        the coordinates of body 1, or else its upper left corner at the start.
-        """
-        anchor = self.parameters.get("anchor")
-        if anchor is None:
-            return None
-        held = self.parameters.get("attachment")
-        if held is None:
-            part = np.asarray(self.polygons[0][0])
-            held = part[np.lexsort((part[:, 0], -part[:, 1]))[0]]
-        x, y, phi = self.q[step, 0]
-        cos, sin = np.cos(phi), np.sin(phi)
-        a, b = np.asarray(held, float)
-        return np.asarray(anchor, float), np.array([x + cos * a - sin * b, y + sin * a + cos * b])
+
+def _moved(pose: Array, points: Array) -> Array:
+    """Points of a body, (…, 2), from its own coordinates into the plane."""
+    x, y, phi = pose
+    cos, sin = np.cos(phi), np.sin(phi)
+    moved: Array = points @ np.array([[cos, sin], [-sin, cos]]) + (x, y)
+    return moved
 
 
 def motion_of(source: Any) -> Motion:
@@ -71,51 +67,73 @@ def motion_of(source: Any) -> Motion:
     """
     if isinstance(source, Motion):
         return source
+    t, q, v = (np.asarray(getattr(source, name), float) for name in ("t", "q", "v"))
     if hasattr(source, "polygons"):
-        label, parameters = str(source.scene), source.parameters
-        polygons, events = source.polygons, source.events
+        label, polygons = str(source.scene), source.polygons
+        springs = _recorded_springs(source.parameters, polygons, q)
     else:
-        label, parameters = str(source.scene.label), source.scene.parameters
-        polygons, events = [body.polygons for body in source.scene.bodies], source.event_log
-    t, q = np.asarray(source.t, float), np.asarray(source.q, float)
+        label, polygons = str(source.scene.label), [body.polygons for body in source.scene.bodies]
+        springs = [
+            (force.body, force.point, force.anchor)
+            for force in source.scene.forces
+            if hasattr(force, "anchor")
+        ]
     if t.size == 0:
         raise ValueError(f"{label} holds no steps, so there is nothing to draw")
-    return Motion(label, t, q, polygons, [_event(entry) for entry in events], parameters)
+    return Motion(label, t, q, v, polygons, springs)
 
 
-def _event(entry: Any) -> tuple[float, str, str]:
-    t, kind, *detail = entry
-    return float(t), str(kind), str(detail[0]) if detail else ""
+def _recorded_springs(
+    parameters: Mapping[str, Any], polygons: Sequence[Sequence[Array]], q: Array
+) -> list[tuple[int, Sequence[float], Sequence[float]]]:
+    """The spring of a recorded scene with a parameter `anchor_above`, as figure 3 has it.
+
+    A recording keeps no forces.  The spring holds the upper left corner of body 1, and its anchor
+    is that far above where the corner was at the start.
+    """
+    above = parameters.get("anchor_above")
+    if above is None or not len(q):
+        return []
+    corners = np.concatenate([np.asarray(part) for part in polygons[0]])
+    corner = corners[np.lexsort((corners[:, 0], -corners[:, 1]))[0]]
+    x, y, _ = q[0, 0]
+    return [(0, tuple(corner), (x + corner[0], y + corner[1] + float(above)))]
 
 
-def frame_steps(motion: Motion, frames: int) -> list[int]:
-    """Steps worth a picture: the first, the last, those of the paper, and others between.
+def frame_times(motion: Motion, frames: int) -> list[float]:
+    """Times worth a picture: the first, the last, those of the paper, and others between [s].
 
-    The others are spread evenly in the mean of elapsed time and of path travelled (the corners'
-    way, each as a share of the whole), so that fast passages get more pictures than rest does.
+    The others are accepted steps, spread evenly in the sum of elapsed time, path travelled and
+    change of velocity (each as a share of the whole), so that pictures gather where much happens.
+
+    Raises ValueError for fewer than one frame.
     """
     if frames < 1:
         raise ValueError(f"frames = {frames}; ask for at least one picture")
-    t, last = motion.t, motion.t.size - 1
-    if last == 0 or t[-1] == t[0]:
-        return [last]
-    size = np.array([max(np.abs(p).max() for p in parts) for parts in motion.polygons])
-    moved = np.diff(motion.q, axis=0) * np.stack([np.ones_like(size), np.ones_like(size), size], 1)
-    path = np.concatenate([[0.0], np.cumsum(np.abs(moved).sum(axis=(1, 2)))])
+    t = motion.t
+    if frames == 1 or t[-1] == t[0]:
+        return [float(t[-1])]
+    # An angle counts by the way of the farthest corner.
+    reach = [max(float(np.hypot(*np.asarray(p).T).max()) for p in ps) for ps in motion.polygons]
+    weight = np.array([[1.0, 1.0, r] for r in reach])
     progress = (t - t[0]) / (t[-1] - t[0])
-    if path[-1] > 0:
-        progress = 0.5 * progress + 0.5 * path / path[-1]
-    name = motion.label.partition(",")[0]
-    fixed = [time for time in PAPER_TIMES.get(name, ()) if t[0] <= time <= t[-1]]
-    chosen = {0, last, *(motion.step_at(time) for time in fixed)}
-    # Fill the widest gap again and again: evenly spread, and the fixed pictures stay.
+    for state in (motion.q, motion.v):
+        change = (np.abs(np.diff(state, axis=0)) * weight).sum(axis=(1, 2))
+        if change.sum() > 0:
+            progress = progress + np.concatenate([[0.0], np.cumsum(change)]) / change.sum()
+    fixed = PAPER_TIMES.get(motion.label.partition(",")[0], ())
+    chosen = {float(t[0]), float(t[-1]), *(time for time in fixed if t[0] < time < t[-1])}
+    # An impulse is a jump of velocity at one time: it must not draw all pictures to itself.
+    apart = (t[-1] - t[0]) / (5 * frames)
+    # Fill the widest gap again and again: the fixed pictures stay, the rest is evenly spread.
     while len(chosen) < frames:
-        steps = sorted(chosen)
-        gaps = [progress[b] - progress[a] if b - a > 1 else -1.0 for a, b in pairwise(steps)]
-        widest = int(np.argmax(gaps))
-        if gaps[widest] <= 0:
+        times = sorted(chosen)
+        shares = np.interp(times, t, progress)
+        roomy = np.diff(times) > 2 * apart
+        widest = int(np.argmax(np.where(roomy, np.diff(shares), -1.0)))
+        inside = np.flatnonzero((t > times[widest] + apart) & (t < times[widest + 1] - apart))
+        if not inside.size:
             break
-        a, b = steps[widest], steps[widest + 1]
-        middle = int(np.searchsorted(progress, 0.5 * (progress[a] + progress[b])))
-        chosen.add(min(max(middle, a + 1), b - 1))
+        middle = 0.5 * (shares[widest] + shares[widest + 1])
+        chosen.add(float(t[inside[np.argmin(np.abs(progress[inside] - middle))]]))
     return sorted(chosen)

@@ -23,13 +23,7 @@ import pandas as pd
 SETTINGS = ("paper", "high", "default")
 """Accuracies asked, the one that headlines are drawn from first."""
 
-ASKED_RELATIVE = {"high": 1e-9, "default": 1e-6}
-"""‖A δx‖/scale that a setting is judged against; `paper` is judged against each QP's eps0."""
-
 ARMS = ("cold", "warm")
-
-WARM_KINDS = ("step", "iteration", "corrector")
-"""Kinds of QP that a warm arm starts from its own last solution; the others are solved cold."""
 
 METHOD = "lotstedt"
 """The paper's method; its variants are called `lotstedt[variant]`."""
@@ -62,6 +56,9 @@ COLUMNS = (
     "error_bound",
     "machine",
     "versions",
+    "asked",
+    "scale",
+    "warm_started",
 )
 """Columns without which no table can be made; a store may hold more."""
 
@@ -121,16 +118,14 @@ def is_method(name: str) -> bool:
 def empty_rows() -> pd.DataFrame:
     """A prepared frame without rows."""
     text = {"problem", "solver", "settings", "scene", "arm", "verdict", "kind"}
-    return prepare(
-        pd.DataFrame({c: pd.Series(dtype="str" if c in text else "float") for c in COLUMNS})
-    )
+    return prepare(pd.DataFrame({c: pd.Series(dtype=str if c in text else float) for c in COLUMNS}))
 
 
 def prepare(rows: pd.DataFrame) -> pd.DataFrame:
     """Check stored rows and add `verified`, `skipped` and `asked_ratio`, sorted by problem.
 
-    `asked_ratio` is ‖A(x − x*)‖ over the accuracy asked: eps0 for the setting `paper`, the
-    setting's share of the QP's scale otherwise; NaN where no reference was accepted.
+    `asked_ratio` is ‖A(x − x*)‖ over the accuracy that the verdict is measured against; NaN where
+    no reference was accepted.  Counts that a solver does not keep become NaN.
 
     Raises ValueError for missing columns, a solve stored twice, or a scene with two recordings.
     """
@@ -152,14 +147,12 @@ def prepare(rows: pd.DataFrame) -> pd.DataFrame:
             "a report must not mix them"
         )
     rows = rows.sort_values(["problem", "solver", "settings", "arm"], ignore_index=True)
-    relative = rows["settings"].map(ASKED_RELATIVE).astype(float)
-    asked_ratio = np.where(
-        rows["settings"] == "paper", rows["eps0_ratio"], rows["glambda_error"] / relative
-    )
+    counts = [name for name in rows.columns if rows[name].dtype == pd.Int64Dtype()]
+    rows = rows.astype(dict.fromkeys(counts, np.float64))
     return rows.assign(
         verified=rows["verdict"] == "verified",
         skipped=rows["verdict"] == "skipped",
-        asked_ratio=np.asarray(asked_ratio, float),
+        asked_ratio=rows["glambda_error"] * rows["scale"] / rows["asked"],
     )
 
 

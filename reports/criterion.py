@@ -1,0 +1,259 @@
+"""When to refactorize: the paper's criterion (§3.2) against what was counted and what was timed.
+
+C_QR, the cost of a factorization, and C_IT, that of a conjugate gradient iteration, are counted
+from the sizes of the recorded QPs (`harness.cost_model`).  Beside them stands what the paper's
+method did when it was started warm: how often it factorized, how many iterations it took, how many
+operations that cost.  Whether the criterion is worth its trouble is then a matter of comparing with
+its variants, in operations, and with all backends, in time.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from reports.findings import Answer, join
+from reports.results import METHOD, Results, is_method, solver_order
+from reports.table import Table, microseconds, percent, short, times, whole
+
+
+def thresholds(results: Results) -> dict[str, float]:
+    """√(2 C_QR/C_IT) of every recorded scene that has a factorization at all."""
+    from harness.cost_model import criterion_of
+
+    found = {scene: criterion_of(recording) for scene, recording in results.recordings.items()}
+    return {scene: counted.threshold for scene, counted in found.items() if counted.calls}
+
+
+def sequence_rows(results: Results, scene: str) -> pd.DataFrame:
+    """Rows of the QPs that a warm start can serve, at the study's first setting.
+
+    The QPs are those that the paper's method solved warm; a backend without a warm start stands
+    with its cold rows on the same QPs.
+    """
+    rows = results.rows
+    rows = rows[
+        (rows["scene"] == scene)
+        & (rows["settings"] == results.headline)
+        & (rows["k"] > 0)
+        & ~rows["skipped"]
+    ]
+    warm = rows[(rows["arm"] == "warm") & rows["warm_started"].astype(bool)]
+    served = warm.loc[warm["solver"] == METHOD, "problem"]
+    without = ~rows["solver"].isin(rows.loc[rows["arm"] == "warm", "solver"])
+    rows = pd.concat([warm, rows[without & (rows["arm"] == "cold")]])
+    return rows[rows["problem"].isin(served)]
+
+
+def criterion_tables(results: Results) -> list[Table]:
+    """The criterion per scene, and what variants and backends cost on the same QPs.
+
+    Empty where the paper's method was not run warm on any scene.
+    """
+    scenes = [scene for scene in results.scenes if len(sequence_rows(results, scene))]
+    if not scenes:
+        return []
+    return [model_table(results, scenes), alternatives_table(results, scenes)]
+
+
+def model_table(results: Results, scenes: list[str]) -> Table:
+    """Counted costs, threshold and prediction of each scene beside the work that was done."""
+    data = pd.DataFrame([_model_row(results, scene) for scene in scenes])
+    counts = ["warm QPs", "C_QR", "C_IT", "factorizations", "C(n*)/T", "QR + CG", "flops"]
+    small = ["√(2 C_QR/C_IT)", "CG per QP", "QPs per factorization", "s*"]
+    return Table(
+        name="criterion",
+        title="The criterion and the work done",
+        reading=(
+            "C_QR and C_IT are operations per factorization and per conjugate gradient iteration, "
+            "means over the scene's time-step QPs.  The paper factorizes anew when a solve takes "
+            "more than √(2 C_QR/C_IT) iterations, assuming that iterations grow by one per step; "
+            f"it then expects a factorization every s* QPs.  The other columns are what {METHOD} "
+            "did on the QPs that it started warm.  C(n*)/T is the predicted cost of factorizations "
+            "and iterations per QP, QR + CG the same as counted; flops is all the work per QP."
+        ),
+        data=data,
+        formats={
+            **dict.fromkeys(counts, whole),
+            **dict.fromkeys(small, short),
+            "above": percent,
+        },
+        notes=_model_notes(data),
+    )
+
+
+def _model_row(results: Results, scene: str) -> dict[str, Any]:
+    from harness.cost_model import criterion_of, optimal_interval
+
+    rows = sequence_rows(results, scene)
+    own = rows[rows["solver"] == METHOD]
+    recording = results.recordings.get(scene)
+    counted = criterion_of(recording) if recording is not None else None
+    known = counted is not None and counted.calls > 0
+    factorizations, cg = own["qr_factorizations"].sum(), own["cg_iterations"].mean()
+    row: dict[str, Any] = {"scene": scene, "warm QPs": len(own)}
+    if counted is not None and known:
+        row |= {
+            "C_QR": counted.C_QR,
+            "C_IT": counted.C_IT,
+            "√(2 C_QR/C_IT)": counted.threshold,
+            "s*": optimal_interval(counted.C_QR, counted.C_IT),
+        }
+    else:
+        row |= dict.fromkeys(["C_QR", "C_IT", "√(2 C_QR/C_IT)", "s*"], np.nan)
+    row |= {
+        "CG per QP": cg,
+        "above": (own["cg_iterations"] > row["√(2 C_QR/C_IT)"]).mean() if known else np.nan,
+        "factorizations": factorizations,
+        "QPs per factorization": len(own) / factorizations if factorizations else np.nan,
+        "C(n*)/T": counted.cost_per_call if counted is not None and known else np.nan,
+        "QR + CG": row["C_QR"] * factorizations / len(own) + row["C_IT"] * cg,
+        "flops": own["flops"].mean(),
+    }
+    return row
+
+
+def _model_notes(data: pd.DataFrame) -> list[str]:
+    """How far the prediction is from what was counted, per scene."""
+    notes = []
+    for row in data.to_dict("records"):
+        predicted, done = row["C(n*)/T"], row["QR + CG"]
+        if not predicted > 0 or not done > 0:
+            continue
+        more = done > predicted
+        factor = done / predicted if more else predicted / done
+        notes.append(
+            f"On {row['scene']} factorizations and iterations cost {whole(done)} operations per "
+            f"QP, {short(factor)} times {'more' if more else 'less'} than the {whole(predicted)} "
+            f"that the paper's model predicts; they are {percent(min(1, done / row['flops']))} of "
+            "all operations."
+        )
+    return notes
+
+
+def alternatives_table(results: Results, scenes: list[str]) -> Table:
+    """Work and time of variants and backends on the QPs that the method started warm."""
+    out: list[dict[str, Any]] = []
+    for scene in scenes:
+        rows = sequence_rows(results, scene)
+        own = rows[rows["solver"] == METHOD]
+        for solver, part in rows.groupby("solver"):
+            counted = is_method(str(solver))
+            flops = part["flops"].mean() if counted else np.nan
+            median = part["runtime"].median()
+            out.append(
+                {
+                    "scene": scene,
+                    "solver": solver,
+                    "QPs": len(part),
+                    "verified": part["verified"].mean(),
+                    "factorizations per QP": part["qr_factorizations"].mean()
+                    if counted
+                    else np.nan,
+                    "CG per QP": part["cg_iterations"].mean() if counted else np.nan,
+                    "flops per QP": flops,
+                    "flops ratio": flops / own["flops"].mean(),
+                    "median": median,
+                    "time ratio": median / own["runtime"].median(),
+                    "flops per µs": part["flops"].sum() / (1e6 * part["runtime"].sum())
+                    if counted
+                    else np.nan,
+                }
+            )
+    data = pd.DataFrame(
+        sorted(out, key=lambda row: (row["scene"], solver_order(str(row["solver"]))))
+    )
+    return Table(
+        name="criterion_alternatives",
+        title="The same QPs by the variants and by everybody else",
+        reading=(
+            f"The QPs that {METHOD} started warm, at setting {results.headline}.  Ratios are to "
+            f"{METHOD}: below 1 is cheaper than the paper's criterion.  Operations are counted by "
+            "the paper's method and its variants only; median is the time per QP in µs.  flops per "
+            "µs tells how much of the time is arithmetic and how much the program around it."
+        ),
+        data=data,
+        formats={
+            "QPs": whole,
+            "verified": percent,
+            "factorizations per QP": short,
+            "CG per QP": short,
+            "flops per QP": whole,
+            "flops ratio": times,
+            "median": microseconds,
+            "time ratio": times,
+            "flops per µs": short,
+        },
+        notes=_variant_notes(data),
+    )
+
+
+def _variant_notes(data: pd.DataFrame) -> list[str]:
+    """Variants that do with fewer operations or less time than the criterion."""
+    variants = data[[is_method(name) and name != METHOD for name in data["solver"]]]
+    notes = []
+    for row in variants.to_dict("records"):
+        where = f"On {row['scene']} {row['solver']} needs"
+        if row["flops ratio"] < 1 and row["time ratio"] < 1:
+            notes.append(
+                f"{where} {short(row['flops ratio'])} of the operations of {METHOD} and "
+                f"{short(row['time ratio'])} of its time."
+            )
+        elif row["flops ratio"] < 1:
+            notes.append(f"{where} {short(row['flops ratio'])} of the operations of {METHOD}.")
+        elif row["time ratio"] < 1:
+            notes.append(f"{where} {short(row['time ratio'])} of the time of {METHOD}.")
+    return notes
+
+
+def criterion_answer(results: Results) -> Answer | None:
+    """When the paper would refactorize, how often that was, and what never keeping R costs."""
+    tables = criterion_tables(results)
+    if not tables:
+        return None
+    model, alternatives = tables[0].data, tables[1].data
+    limits = model["√(2 C_QR/C_IT)"].dropna()
+    total, made = int(model["warm QPs"].sum()), int(model["factorizations"].sum())
+    iterations = float((model["CG per QP"] * model["warm QPs"]).sum() / total)
+    said = []
+    if len(limits):
+        said.append(
+            f"By the paper's criterion, when a solve takes more than {_span(limits)} conjugate "
+            f"gradient iterations: √(2 C_QR/C_IT), counted on {join(list(model['scene']))}."
+        )
+    often = f"one in {short(total / made)}" if made else "none"
+    said.append(
+        f"Started warm, {METHOD} took {short(iterations)} iterations per QP and factorized "
+        f"{made:,} times in {total:,} QPs, {often}."
+    )
+    for variant in sorted({name for name in alternatives["solver"] if name != METHOD}):
+        part = alternatives[alternatives["solver"] == variant]
+        if not is_method(variant) or part["flops ratio"].isna().all():
+            continue
+        said.append(
+            f"{variant} costs {_span(part['flops ratio'])} times the operations and "
+            f"{_span(part['time ratio'])} times the time."
+        )
+    if len(limits):
+        return Answer(
+            "When to refactorize?",
+            _span(limits),
+            "conjugate gradient iterations in one solve",
+            tuple(said),
+            "criterion",
+        )
+    return Answer(
+        "When to refactorize?",
+        f"{made:,} in {total:,}",
+        "warm QPs were factorized anew",
+        tuple(said),
+        "criterion",
+    )
+
+
+def _span(values: pd.Series) -> str:
+    """The range of some numbers, one number where they print the same."""
+    low, high = f"{values.min():.2g}", f"{values.max():.2g}"
+    return low if low == high else f"{low} to {high}"

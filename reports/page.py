@@ -1,0 +1,356 @@
+"""The report: tables, figures and one page that stands alone.
+
+    OUT/index.html          everything inside: figures as SVG, style, no script, no other address
+    OUT/tables/*.md, *.csv  the same tables
+    OUT/figures/*.svg, *.png
+
+1. Read the results folder (`reports.results`).
+2. Make every table that its rows allow, and write it as Markdown and CSV.
+3. Draw every figure, as SVG for the page and as PNG for elsewhere.
+4. Put the answers first, then the evidence, then where the paper's method loses, then how to get
+   the same numbers again.
+
+The same results give the same bytes: there is no date on the page.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from reports.comparison import compare
+from reports.criterion import criterion_answer, criterion_tables, thresholds
+from reports.figures import plot_accuracy, plot_cost, plot_profiles, plot_work
+from reports.findings import Answer, how_accurate, join, warm_start_worth, which_method
+from reports.frames import plot_scene
+from reports.protocol import protocol, recordings_table, reproduce, versions_table
+from reports.results import ARMS, METHOD, Results, is_method, load_results
+from reports.style import inline_svg
+from reports.table import Table
+from reports.tables import (
+    accuracy_table,
+    cost_table,
+    losses,
+    scene_table,
+    verified_table,
+    warm_table,
+)
+
+
+def write_report(results_dir: str | Path, out_dir: str | Path) -> Path:
+    """Write the report of a results folder and return the path of its page.
+
+    What the folder does not hold is said on the page.  Raises ValueError where the folder is not
+    there, holds nothing, or holds solves that must not stand in one table.
+    """
+    results = load_results(results_dir)
+    return report(results, Path(out_dir))
+
+
+def report(results: Results, out: Path) -> Path:
+    """Write the report of results that were read already."""
+    writer = _Writer(results, out)
+    page = writer.page()
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / "index.html"
+    path.write_text(page, encoding="utf-8")
+    return path
+
+
+class _Writer:
+    """Makes each table and figure once: into its file, and for the page."""
+
+    def __init__(self, results: Results, out: Path) -> None:
+        self.results = results
+        self.tables = out / "tables"
+        self.figures = out / "figures"
+        for folder in (self.tables, self.figures):
+            folder.mkdir(parents=True, exist_ok=True)
+
+    def table(self, table: Table) -> dict[str, Any]:
+        """Write a table as Markdown and CSV; returns what the template needs."""
+        (self.tables / f"{table.name}.md").write_text(table.to_markdown(), encoding="utf-8")
+        (self.tables / f"{table.name}.csv").write_text(table.to_csv(), encoding="utf-8")
+        return table_context(table)
+
+    def figure(self, name: str, caption: str, draw: Callable[[Path], Any]) -> dict[str, str]:
+        """Draw a figure as SVG and PNG; returns what the template needs."""
+        name = slug(name)
+        for suffix in (".svg", ".png"):
+            draw(self.figures / (name + suffix))
+        return {"svg": inline_svg(self.figures / f"{name}.svg", caption), "caption": caption}
+
+    def page(self) -> str:
+        """The whole page as text."""
+        from jinja2 import Environment, PackageLoader, StrictUndefined
+        from markupsafe import Markup
+
+        environment = Environment(
+            loader=PackageLoader("reports"),
+            autoescape=True,
+            undefined=StrictUndefined,
+            trim_blocks=True,
+            lstrip_blocks=True,
+        )
+        context = self.context()
+        for entry in _figures_in(context):
+            entry["svg"] = Markup(entry["svg"])
+        environment.filters["nbsp"] = keep_units
+        style = environment.get_template("page.css").render()
+        return (
+            environment.get_template("page.html.j2").render(style=Markup(style), **context) + "\n"
+        )
+
+    def context(self) -> dict[str, Any]:
+        """Everything that the template shows."""
+        results = self.results
+        criterion = [self.table(table) for table in criterion_tables(results)]
+        candidates = [
+            which_method(results),
+            how_accurate(results),
+            warm_start_worth(results),
+            criterion_answer(results),
+        ]
+        context: dict[str, Any] = {
+            "lead": lead(results),
+            "scenes": results.scenes,
+            "answers": [answer for answer in candidates if answer is not None],
+            "missing": results.missing,
+            "scene_table": self.table(scene_table(results)),
+            "frames": [self.scene(scene) for scene in results.scenes],
+            "accuracy": self.accuracy(),
+            "cost": self.cost(),
+            "warm": self.warm(),
+            "criterion": criterion,
+            "unflattering": unflattering(results),
+            "protocol": protocol(results),
+            "versions": self.table(versions_table(results)) if len(results.rows) else None,
+            "recordings": self.table(recordings_table(results)),
+            "commands": reproduce(results),
+        }
+        context["contents"] = _contents(context)
+        return context
+
+    def scene(self, scene: str) -> dict[str, Any]:
+        """Frames and work over time of one scene, as far as they are stored."""
+        results = self.results
+        entry: dict[str, Any] = {"label": scene, "frames": None, "work": None}
+        recording = results.recordings.get(scene)
+        if recording is not None and len(recording.t):
+            entry["frames"] = self.figure(
+                f"frames_{scene}",
+                f"{scene}: the bodies at {_times(recording)}; the time stands under each frame.",
+                lambda path: plot_scene(recording, path),
+            )
+        if _has_work(results, scene):
+            threshold = thresholds(results).get(scene)
+            entry["work"] = self.figure(
+                f"work_{scene}",
+                f"{scene}, {METHOD} warm at setting {results.headline}: events, number of "
+                "multipliers, descent directions and conjugate gradient iterations along the "
+                "motion.  Ticks at the foot: factorizations."
+                + ("  Dashed: the paper's threshold √(2 C_QR/C_IT)." if threshold else ""),
+                lambda path: plot_work(results, scene, path, threshold=threshold),
+            )
+        return entry
+
+    def accuracy(self) -> dict[str, Any] | None:
+        results = self.results
+        if results.headline is None:
+            return None
+        overviews = [self.table(verified_table(results, name)) for name in results.settings]
+        full = [self.table(accuracy_table(results, name)) for name in results.settings]
+        return {
+            "overview": {**overviews[0], "notes": full[0]["notes"]},
+            "tables": [*full, *overviews[1:]],
+            "figures": [self.accuracy_figure(name) for name in _with_errors(results)],
+        }
+
+    def accuracy_figure(self, setting: str) -> dict[str, str]:
+        return self.figure(
+            f"accuracy_{setting}",
+            f"Setting {setting}: error in Gλ over the accuracy asked.  A thin line runs from the "
+            "least to the largest error, the thick one over the middle 90 %, the mark is the "
+            "median.",
+            lambda path: plot_accuracy(self.results, setting, path),
+        )
+
+    def cost(self) -> dict[str, Any] | None:
+        results = self.results
+        if results.headline is None:
+            return None
+        tables = [self.table(cost_table(results, name)) for name in results.settings]
+        figures = []
+        if _with_solves(results):
+            name = _with_solves(results)[0]
+            figures = [
+                self.figure(
+                    f"cost_{name}",
+                    f"Setting {name}: median time per QP, cold and warm, fastest backends first.",
+                    lambda path: plot_cost(results, name, path),
+                ),
+                self.figure(
+                    f"profiles_{name}",
+                    f"Setting {name}: share of the QPs on which a backend is verified and within "
+                    "a factor τ of the fastest one.  Higher and further left is better; where a "
+                    "curve levels off is the share that it solves at all.",
+                    lambda path: plot_profiles(results, name, path),
+                ),
+            ]
+        return {"headline": tables[0], "tables": tables[1:], "figures": figures}
+
+    def warm(self) -> dict[str, Any] | None:
+        results = self.results
+        if not set(ARMS) <= set(results.rows["arm"].unique()):
+            return None
+        tables = [self.table(warm_table(results, name)) for name in results.settings]
+        return {"headline": tables[0], "tables": tables[1:]}
+
+
+def table_context(table: Table) -> dict[str, Any]:
+    """A table as the template draws it: rows grouped by scene, cells with their classes.
+
+    A share below 100 % and a count of misses are marked, and so is the best of a scene.
+    """
+    shown = table.display()
+    columns = [{"name": name, "numeric": table.numeric(name)} for name in shown.columns]
+    grouped = "scene" in shown.columns and shown["scene"].duplicated().any()
+    hidden = "scene" if grouped else None
+    groups: list[dict[str, Any]] = []
+    for index, row in enumerate(shown.to_dict("records")):
+        name = row["scene"] if grouped else ""
+        if not groups or groups[-1]["name"] != name:
+            groups.append({"name": name, "rows": []})
+        cells = [
+            {
+                "text": row[column["name"]],
+                "classes": _classes(table, column, index, row[column["name"]]),
+            }
+            for column in columns
+            if column["name"] != hidden
+        ]
+        own = is_method(str(row.get("solver", "")))
+        groups[-1]["rows"].append({"cells": cells, "own": own})
+    return {
+        "name": table.name,
+        "title": table.title,
+        "reading": table.reading,
+        "notes": list(table.notes),
+        "columns": [column for column in columns if column["name"] != hidden],
+        "groups": groups,
+        "rows": len(shown),
+    }
+
+
+def _classes(table: Table, column: dict[str, Any], index: int, text: str) -> str:
+    names = ["n"] if column["numeric"] else []
+    value = table.data[column["name"]].iloc[index]
+    share = "verified" in column["name"] or table.name.startswith("verified")
+    if share and column["numeric"] and value < 1:
+        names.append("miss")
+    if column["name"] in ("misses", "claimed wrong", "no answer") and value > 0:
+        names.append("miss")
+    if "÷ best" in column["name"] and text == "1.00×":
+        names.append("best")
+    return " ".join(names)
+
+
+def lead(results: Results) -> str:
+    """What was done, in one sentence of counts."""
+    said = f"{len(results.scenes)} scenes ({join(results.scenes, 10)})"
+    if results.recordings:
+        qps = sum(len(recording.qps) for recording in results.recordings.values())
+        said += f", simulated and recorded: {qps:,} quadratic programs"
+    rows = results.rows
+    if len(rows):
+        said += (
+            f", solved {int((~rows['skipped']).sum()):,} times by {len(results.solvers)} backends "
+            f"at {join([f'setting {name}' for name in results.settings])}, each answer judged"
+        )
+    return said + "."
+
+
+def unflattering(results: Results) -> list[str] | None:
+    """Every scene, arm and setting in which the paper's method does not win; None if not run."""
+    if METHOD not in results.solvers:
+        return None
+    said = []
+    for setting in results.settings:
+        for scene in results.scenes:
+            for arm in ARMS:
+                said += losses(compare(results.rows, scene, setting, arm))
+    return said
+
+
+def keep_units(text: str) -> str:
+    """A number and its unit are not parted at the end of a line."""
+    return re.sub(r"(?<=\d) (?=(%|µs|s|Hz)\b|%)", "\u00a0", text)
+
+
+def slug(name: str) -> str:
+    """A label as a file name."""
+    return re.sub(r"[^\w.=+-]+", "_", name)
+
+
+def _times(recording: Any) -> str:
+    return f"chosen times from {float(recording.t[0]):.2f} s to {float(recording.t[-1]):.2f} s"
+
+
+def _has_work(results: Results, scene: str) -> bool:
+    rows = results.rows
+    return bool(
+        (
+            (rows["scene"] == scene)
+            & (rows["solver"] == METHOD)
+            & (rows["settings"] == results.headline)
+            & (rows["arm"] == "warm")
+            & ~rows["skipped"]
+        ).any()
+    )
+
+
+def _with_solves(results: Results) -> list[str]:
+    """Settings at which something was solved and not only skipped."""
+    solved = set(results.rows.loc[~results.rows["skipped"], "settings"].unique())
+    return [name for name in results.settings if name in solved]
+
+
+def _with_errors(results: Results) -> list[str]:
+    """Settings at which some error is known."""
+    rows = results.rows
+    known = set(rows.loc[~rows["skipped"] & rows["asked_ratio"].notna(), "settings"].unique())
+    return [name for name in results.settings if name in known]
+
+
+def _figures_in(value: Any) -> list[dict[str, Any]]:
+    """All figures of a context, wherever they stand."""
+    if isinstance(value, dict):
+        if "svg" in value:
+            return [value]
+        return [entry for part in value.values() for entry in _figures_in(part)]
+    if isinstance(value, list):
+        return [entry for part in value for entry in _figures_in(part)]
+    return []
+
+
+def _contents(context: dict[str, Any]) -> Sequence[tuple[str, str]]:
+    """Anchors and titles of the sections that the page has."""
+    return [
+        (anchor, title)
+        for anchor, title, there in (
+            ("scenes", "The scenes", True),
+            ("accuracy", "Accuracy", context["accuracy"]),
+            ("cost", "Cost", context["cost"]),
+            ("warm-start", "Warm start", context["warm"]),
+            ("criterion", "Criterion", context["criterion"]),
+            ("unflattering", "Where the method loses", context["unflattering"] is not None),
+            ("protocol", "How it was measured", True),
+            ("reproduce", "How to reproduce", True),
+        )
+        if there
+    ]
+
+
+__all__ = ["Answer", "report", "write_report"]
