@@ -45,12 +45,12 @@ class LeastSquares(NamedTuple):
 
 def solve_R(R: Vector, b: Vector) -> Vector:
     """R⁻¹ b for upper triangular R (f, f), Fortran order, f > 0."""
-    return dtrsv(R, b)  # type: ignore[no-any-return]
+    return dtrsv(R, b)
 
 
 def solve_RT(R: Vector, b: Vector) -> Vector:
     """R⁻ᵀ b for upper triangular R (f, f), Fortran order, f > 0."""
-    return dtrsv(R, b, trans=1)  # type: ignore[no-any-return]
+    return dtrsv(R, b, trans=1)
 
 
 def conjugate_gradients(

@@ -31,7 +31,10 @@ This differs from the paper:
    another descent direction.
 3. A passive variable at one of its bounds is tested like a member of X: an entry that could only
    be blocked at once is not tried.
-4. A variable that enters and is thrown back before A x has moved, and one whose column depends on
+4. A Δ_j below ε₁ is not enough to end: a column close to the span of A_F moves A x far on a
+   small Δ_j.  Where one has the wrong sign beyond rounding, the move of A x that freeing x_j would
+   give is computed, and compared with ε₀ (`worth_freeing`).
+5. A variable that enters and is thrown back before A x has moved, and one whose column depends on
    A_F, are barred until A x moves (or F loses a column).  Each pass then lowers the objective,
    shrinks F or bars a variable, so that rounding cannot make it cycle.  In exact arithmetic neither
    happens: after step 7 A_Fᵀ r = 0, so that an entering variable moves off its bound, and
@@ -152,6 +155,7 @@ class Lotstedt(Solver):
     def read(self, qp: ContactQP, native: Native, result: Result) -> Answer:
         """x in the units of the QP, exactly at its bounds where z is; F, X and P."""
         problem, z = native.problem, result.z
+        result.R.R.setflags(write=False)
         at_lower, at_upper = z <= problem.lower, z >= problem.upper
         x = np.clip(z / problem.lengths, qp.lower, qp.upper)
         x[at_upper] = qp.upper[at_upper]
@@ -181,58 +185,68 @@ def algorithm_2(problem: ScaledQP, start: Start | None, options: Lotstedt) -> Re
     r = B @ z + d  # 2.
     tally.flops += product_flops(m, k)
     absolute_B, absolute_d = np.abs(B), np.abs(d)
-    entered, bounced, dependent = np.zeros((3, k), dtype=bool)
+    entered, bounced, dismissed = np.zeros((3, k), dtype=bool)
     passes = 50 + 20 * k if options.iteration_limit is None else options.iteration_limit
-    status, refining = Status.SOLVED, inf
+    refining = inf  # ‖A_Fᵀ r‖ before a full step on the same F; inf where F has changed
 
     while True:
         gradient = r @ B  # 7., and the right-hand side of 3.
         size = sqrt(np.sum((absolute_B @ np.abs(z) + absolute_d) ** 2))
         tally.flops += 2 * product_flops(m, k)
         F = R.columns
-        aim, rounding = SHARE * problem.eps0 / R.inverse_norm, ROUNDING * size
+        rounding = ROUNDING * size
+        aim = max(SHARE * problem.eps0 / R.inverse_norm, rounding)  # (3.20) and ε₁
         slope = sqrt(gradient[F] @ gradient[F])
-        # while refining, a slope that falls by less than half is rounding
+        # a slope that refinement does not halve is rounding
         if slope > max(aim, rounding * sqrt(F.size)) and slope < 0.5 * refining:
             if passes <= 0:
-                status = Status.ITERATION_LIMIT
                 break
             passes -= 1
-            R, p = descent_direction(problem, R, r, 0.5 * max(aim, rounding), options, tally)  # 3.
-            F = R.columns
             tally.descent_directions += refining == inf
+            R, p = descent_direction(problem, R, r, 0.5 * aim, options, tally)  # 3.
+            F = R.columns
             theta, reached = ratio_test(z[F], p, lower[F], upper[F])  # 4.
             z[F] += theta * p  # 5.
             z[F[reached]] = np.where(p > 0, upper[F], lower[F])[reached]
             before, r = r, B @ z + d
             tally.flops += product_flops(m, k)
-            change = r - before
-            if sqrt(change @ change) > ROUNDING * size:
-                entered[:] = bounced[:] = dependent[:] = False
             refining = slope if theta == 1.0 else inf
+            moved = r - before
+            if sqrt(moved @ moved) > rounding:
+                entered[:] = bounced[:] = dismissed[:] = False
             if reached.any():  # 6.
-                bounced |= entered & np.isin(np.arange(k), F[reached])
+                bounced[F[reached]] |= entered[F[reached]]
+                dismissed[:] = False
                 R = delete_columns(R, np.flatnonzero(reached), tally)
-                dependent[:] = False
                 refining = inf
             continue
         wrong = wrong_signs(gradient, z, problem)  # 8.
+        left = max(slope, float(wrong.max(initial=0.0)))
         wrong[F] = 0.0
-        wrong[bounced | dependent] = 0.0
-        if wrong.max(initial=0.0) <= max(aim, rounding):
-            break  # 9.
+        wrong[bounced | dismissed] = 0.0
+        if wrong.max(initial=0.0) <= rounding:
+            return finished(problem, z, R, tally, left, rounding)  # 9.
         if passes <= 0:
-            status = Status.ITERATION_LIMIT
             break
         passes -= 1
         j = int(wrong.argmax())
-        R, inserted = insert_column(problem, R, j, tally)
-        entered[j], dependent[j] = inserted, not inserted
-        if inserted:
-            refining = inf
-    left = max(slope, float(wrong_signs(gradient, z, problem).max(initial=0.0)))
-    if status is Status.SOLVED and left > max(problem.eps0, 100 * rounding):
-        status = Status.INACCURATE
+        grown = insert_column(problem, R, j, tally)
+        if grown is None or not (
+            wrong[j] > aim or worth_freeing(grown, gradient, SHARE * problem.eps0, rounding)
+        ):
+            dismissed[j] = True
+        else:
+            R, entered[j], refining = grown, True, inf
+            tally.working_set_changes += 1
+    return Result(z, R, tally, Status.ITERATION_LIMIT, f"{tally.descent_directions} directions")
+
+
+def finished(
+    problem: ScaledQP, z: Vector, R: Factorization, tally: Tally, left: float, rounding: float
+) -> Result:
+    """Step 9.  `left`, the largest wrong gradient, is beyond reason only where rounding won."""
+    sound = left <= max(problem.eps0, 100 * rounding)
+    status = Status.SOLVED if sound else Status.INACCURATE
     return Result(z, R, tally, status, f"largest wrong gradient {left:.1e}")
 
 
@@ -320,10 +334,23 @@ def wrong_signs(gradient: Vector, z: Vector, problem: ScaledQP) -> Vector:
     return np.maximum(up, down)
 
 
+def worth_freeing(grown: Factorization, gradient: Vector, eps0: float, rounding: float) -> bool:
+    """Step 8: whether freeing the last column of `grown`, at optimal F, moves A x by over eps0.
+
+    With a_j = A_F w + s, s ⟂ A_F and ρ = ‖s‖, A x moves by |sᵀr|/ρ, sᵀr = Δ_j − wᵀΔ_F.
+    """
+    R, F, rho = grown.R, grown.columns[:-1], abs(float(grown.R[-1, -1]))
+    along, size = float(gradient[grown.columns[-1]]), 1.0
+    if F.size:
+        w = solve_R(np.asfortranarray(R[:-1, :-1]), R[:-1, -1].copy())
+        along, size = along - float(w @ gradient[F]), 1.0 + sqrt(w @ w)
+    return abs(along) > max(eps0 * rho, rounding * size)
+
+
 def insert_column(
     problem: ScaledQP, R: Factorization, j: int, tally: Tally
-) -> tuple[Factorization, bool]:
-    """Step 8: move column j from X or P to F, counted; false where it depends on A_F."""
+) -> Factorization | None:
+    """Step 8: the factorization with column j appended, counted; None where it depends on A_F."""
     patience = 2 * R.order + 20
     try:
         grown, iterations, flops = qr_insert(R, problem.B, j, patience)
@@ -331,9 +358,6 @@ def insert_column(
         R = factorize(problem, R.columns, tally)
         grown, iterations, flops = qr_insert(R, problem.B, j, 10 * patience)
     tally.cg_iterations += iterations
-    tally.flops += flops
-    if grown is None:
-        return R, False
-    tally.working_set_changes += 1
     tally.qr_updates += 1
-    return grown, True
+    tally.flops += flops
+    return grown
