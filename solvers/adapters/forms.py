@@ -107,6 +107,16 @@ class Posed:
         indices = np.tile(np.arange(self.m), self.n)
         return sp.csc_matrix((self.A.T.ravel(), indices, pointers), shape=self.A.shape)
 
+    @cached_property
+    def reduced(self) -> tuple[Vector, Vector]:
+        """UᵀA and Uᵀd, A = U Σ Vᵀ: the same problem in an orthonormal basis of the range of A.
+
+        The condition of A is kept, and d loses what no contact can change.  (rank, n), (rank,)
+        """
+        U, sigma, Vt = np.linalg.svd(self.dense, full_matrices=False)
+        rank = int((sigma > 64 * np.finfo(float).eps * sigma[0]).sum())
+        return sigma[:rank, None] * Vt[:rank], U[:, :rank].T @ self.d
+
     def residual_tolerance(self, asked: float, floor: float) -> float:
         """Bound for the largest entry of the KKT residual, in scaled units.
 

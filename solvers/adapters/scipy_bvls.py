@@ -1,8 +1,9 @@
 """Bounded-variable least squares, Lawson and Hanson's, as in SciPy (Stark and Parker 1995).
 
-The problem is posed as it is, min ‖A x + d‖ with bounds, by `scipy.optimize.lsq_linear`; only, A is
-replaced by R and d by Qᵀd, A = Q R: SciPy stops at a relative change of ½‖A x + d‖², which the part
-of d that no contact can change would swamp.  Fixed rows are eliminated, as SciPy refuses them.
+The problem is posed as it is, min ‖A x + d‖ with bounds, by `scipy.optimize.lsq_linear`; only, in
+an orthonormal basis U of the range of A, with UᵀA and Uᵀd: SciPy stops at a relative change of
+½‖A x + d‖², which the part of d that no contact can change would swamp.  Fixed rows are eliminated,
+as SciPy refuses them.
 
 Accuracy: an active-set method is exact once it has the working set.  SciPy has one tolerance, for
 the signs of Δ and for the relative change of the cost; it is 1e-18 unless the defaults are asked
@@ -14,7 +15,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
 from scipy.optimize import lsq_linear
 
 from problems.qp import Status
@@ -40,9 +40,9 @@ class ScipyBVLS(PackageSolver):
     }
 
     def arrays(self, posed: Posed) -> Any:
-        """R, −Qᵀd and the bounds."""
-        Q, R = np.linalg.qr(posed.dense)
-        return R, -(Q.T @ posed.d), (posed.lower, posed.upper)
+        """UᵀA, −Uᵀd and the bounds."""
+        A, d = posed.reduced
+        return A, -d, (posed.lower, posed.upper)
 
     def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
         """Nothing but the settings."""

@@ -1,0 +1,108 @@
+"""CVXPY, as most people would first write it.
+
+    x = cp.Variable(n)
+    problem = cp.Problem(cp.Minimize(0.5 * cp.sum_squares(A @ x + d)), [x >= lower, x <= upper])
+    problem.solve(solver=variant)
+
+CVXPY turns the sum of squares into y = A x + d by itself.  The problem is written anew for each QP;
+so its `solve` compiles it each time, which is most of what is timed, and starts cold.  The data are
+scaled and without fixed rows as for all packages (`solvers.adapters.forms`).
+
+Accuracy: the options of the inner solver, `_OPTIONS`, from the residual and the gap that `asked`
+allows; y holds all of d here, whose rounding limits it.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import cvxpy as cp
+import numpy as np
+
+from problems.qp import Status
+from solvers.adapters.forms import Built, Native, Outcome, PackageSolver, Posed
+from solvers.base import Form, Start
+
+_OPTIONS: dict[str, Callable[[float, float], dict[str, Any]]] = {
+    "osqp": lambda residual, gap: {"eps_abs": residual, "eps_rel": 0.0, "max_iter": 20_000},
+    "clarabel": lambda residual, gap: {
+        "tol_feas": residual,
+        "tol_gap_abs": max(gap, 1e-13),
+        "tol_gap_rel": 0.0,
+    },
+    "scs": lambda residual, gap: {"eps_abs": residual, "eps_rel": 0.0, "max_iters": 20_000},
+    "piqp": lambda residual, gap: {"eps_abs": residual, "eps_rel": 0.0},
+    "proxqp": lambda residual, gap: {"eps_abs": residual, "eps_rel": 0.0},
+    "daqp": lambda residual, gap: {"primal_tol": residual},
+    "highs": lambda residual, gap: {},
+}
+
+
+@dataclass(frozen=True)
+class CVXPY(PackageSolver):
+    """CVXPY as first written: sum_squares(A @ x + d), solved by its own default, OSQP.
+
+    variant : the inner solver, one of `_OPTIONS`
+    """
+
+    variant: str = "osqp"
+
+    name: ClassVar[str] = "cvxpy"
+    package: ClassVar[str] = "cvxpy"
+    form: ClassVar[Form] = "residual"
+    dense: ClassVar[bool] = True
+    statuses: ClassVar[dict[Any, Status]] = {
+        "optimal": Status.SOLVED,
+        "optimal_inaccurate": Status.INACCURATE,
+        "user_limit": Status.ITERATION_LIMIT,
+        "infeasible": Status.INFEASIBLE,
+        "infeasible_inaccurate": Status.INFEASIBLE,
+        "unbounded": Status.UNBOUNDED,
+        "unbounded_inaccurate": Status.UNBOUNDED,
+    }
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.variant not in _OPTIONS:
+            raise ValueError(
+                f"cvxpy[{self.variant}] is unknown; choose one of {', '.join(_OPTIONS)}"
+            )
+
+    def arrays(self, posed: Posed) -> Any:
+        """The problem as written."""
+        x = cp.Variable(posed.n)
+        low, high = np.flatnonzero(posed.lower > -np.inf), np.flatnonzero(posed.upper < np.inf)
+        bounds = [x[low] >= posed.lower[low]] if low.size else []
+        bounds += [x[high] <= posed.upper[high]] if high.size else []
+        return x, cp.Problem(cp.Minimize(0.5 * cp.sum_squares(posed.dense @ x + posed.d)), bounds)
+
+    def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
+        """The options of the inner solver."""
+        posed, (x, written), _, _ = problem
+        options: dict[str, Any] = {"solver": self.variant.upper(), "verbose": False}
+        if asked is not None:
+            residual, gap = (
+                posed.residual_tolerance(asked, 1e-12),
+                posed.gap_tolerance(asked, 1e-15),
+            )
+            options |= _OPTIONS[self.variant](residual, gap)
+        return Native(posed, written, (x, options))
+
+    def run(self, native: Native) -> Any:
+        """`Problem.solve`; an inner solver that gives up raises `SolverError`."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                native.object.solve(**native.arrays[1])
+            except cp.SolverError as error:
+                return str(error)
+        return native.object.status
+
+    def outcome(self, native: Native, result: Any) -> Outcome:
+        """CVXPY's status and the inner solver's iterations."""
+        stats = native.object.solver_stats
+        iterations = getattr(stats, "num_iters", None) if stats is not None else None
+        return Outcome(native.arrays[0].value, result, iterations or 0)

@@ -1,0 +1,105 @@
+"""qpsolvers, one call for many packages, as most people would first write it.
+
+    x = solve_qp(P, q, lb=lower, ub=upper, solver=variant, initvals=x_before)
+
+with P = AᵀA, q = Aᵀd.  It sets the inner solver up for each QP.  `solve_problem` is the same call
+with a status.  The data are scaled and without fixed rows as for all packages
+(`solvers.adapters.forms`).
+
+Accuracy: the options of the inner solver, `_OPTIONS`, from the residual and the gap that `asked`
+allows.  quadprog has none and refuses a singular P.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import qpsolvers
+
+from problems.qp import Status
+from solvers.adapters.forms import Built, Native, Outcome, PackageSolver, Posed
+from solvers.base import Start
+
+_OPTIONS: dict[str, Callable[[float, float], dict[str, Any]]] = {
+    "proxqp": lambda residual, gap: {
+        "eps_abs": residual,
+        "eps_rel": 0.0,
+        "check_duality_gap": True,
+        "eps_duality_gap_abs": max(gap, 1e-14),
+        "eps_duality_gap_rel": 0.0,
+    },
+    "clarabel": lambda residual, gap: {
+        "tol_feas": residual,
+        "tol_gap_abs": max(gap, 1e-13),
+        "tol_gap_rel": 0.0,
+    },
+    "osqp": lambda residual, gap: {"eps_abs": residual, "eps_rel": 0.0, "max_iter": 20_000},
+    "scs": lambda residual, gap: {"eps_abs": residual, "eps_rel": 0.0, "max_iters": 20_000},
+    "piqp": lambda residual, gap: {
+        "eps_abs": residual,
+        "eps_rel": 0.0,
+        "eps_duality_gap_abs": gap,
+        "eps_duality_gap_rel": 0.0,
+    },
+    "daqp": lambda residual, gap: dict.fromkeys(("primal_tol", "dual_tol", "eta_prox"), residual),
+    "highs": lambda residual, gap: {},
+    "quadprog": lambda residual, gap: {},
+}
+
+
+@dataclass(frozen=True)
+class QPSolvers(PackageSolver):
+    """qpsolvers as first written: solve_qp(P, q, lb, ub), by the ProxQP of its own example.
+
+    variant : the inner solver, one of `_OPTIONS`
+    """
+
+    variant: str = "proxqp"
+
+    name: ClassVar[str] = "qpsolvers"
+    package: ClassVar[str] = "qpsolvers"
+    warm_start: ClassVar[str] = "x, where the inner solver takes it"
+    dense: ClassVar[bool] = True
+    statuses: ClassVar[dict[Any, Status]] = {"found": Status.SOLVED, "not found": Status.FAILED}
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.variant not in _OPTIONS:
+            known = ", ".join(_OPTIONS)
+            raise ValueError(f"qpsolvers[{self.variant}] is unknown; choose one of {known}")
+
+    def arrays(self, posed: Posed) -> Any:
+        """P, q and the bounds as a `qpsolvers.Problem`."""
+        return qpsolvers.Problem(posed.P, posed.q, lb=posed.lower, ub=posed.upper)
+
+    def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
+        """The options of the inner solver."""
+        posed = problem.posed
+        options: dict[str, Any] = {"solver": self.variant, "initvals": posed.start}
+        if asked is not None:
+            residual, gap = (
+                posed.residual_tolerance(asked, 1e-12),
+                posed.gap_tolerance(asked, 1e-15),
+            )
+            options |= _OPTIONS[self.variant](residual, gap)
+        return Native(posed, options, problem.arrays)
+
+    def run(self, native: Native) -> Any:
+        """`qpsolvers.solve_problem`."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                return qpsolvers.solve_problem(native.arrays, **native.object)
+            except qpsolvers.exceptions.QPError as error:
+                return error
+
+    def outcome(self, native: Native, result: Any) -> Outcome:
+        """Whether it was found."""
+        if isinstance(result, qpsolvers.exceptions.QPError):
+            return Outcome(None, str(result))
+        x = None if result.x is None else np.asarray(result.x, float)
+        return Outcome(x, "found" if result.found else "not found")
