@@ -221,7 +221,7 @@ def criterion_answer(results: Results) -> Answer | None:
     if len(limits):
         said.append(
             f"By the paper's criterion, when a solve takes more than {_span(limits)} conjugate "
-            f"gradient iterations: √(2 C_QR/C_IT), counted on {join(list(model['scene']))}."
+            f"gradient iterations: √(2\u00a0C_QR/C_IT), counted on {join(list(model['scene']))}."
         )
     often = f"one in {short(total / made)}" if made else "none"
     said.append(

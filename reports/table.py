@@ -80,12 +80,15 @@ def percent(value: Any) -> str:
 
 
 def short(value: Any) -> str:
-    """Three significant digits, without an exponent where that stays short."""
-    number = float(f"{float(value):.3g}")
-    if number == 0 or 1e-2 <= abs(number) < 1e4:
-        digits = max(0, 2 - int(np.floor(np.log10(abs(number) or 1))))
-        return f"{number:,.{min(digits, 4)}f}"
-    return scientific(number) if abs(number) < 1e-2 else f"{float(value):,.0f}"
+    """Three significant digits or all before the point; an exponent for less than 0.01."""
+    number = float(value)
+    size = abs(float(f"{number:.3g}"))
+    if size == 0:
+        return "0"
+    if size < 1e-2:
+        return scientific(number)
+    digits = max(0, 2 - int(np.floor(np.log10(size))))
+    return f"{number:,.{min(digits, 3)}f}"
 
 
 def scientific(value: Any) -> str:

@@ -226,8 +226,8 @@ def cost_table(results: Results, setting: str) -> Table:
             "of the fastest backend that was verified on every QP (1×).  mean is the shifted "
             f"geometric mean with shift {1e6 * SHIFT:g} µs in which a solve that is not verified "
             f"is charged {TIME_LIMIT:g} s.  All numbers of a scene run over the same QPs, those "
-            "that have a multiplier and that no compared backend skipped.  A backend without a warm start stands under warm "
-            "with its cold times: that is what it would cost in a simulation."
+            "that have a multiplier and that no compared backend skipped.  A backend without a "
+            "warm start stands under warm with its cold times, as it would cost in a simulation."
         ),
         data=data,
         formats=formats,

@@ -2,10 +2,34 @@
 
 from __future__ import annotations
 
+import re
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
+import pytest
 
-from reports.results import Results, prepare
+from harness.recording import Event, Recording
+from problems.qp import FREE, ContactQP, Solution, Status
+from reports.comparison import TIME_LIMIT, compare, shifted_geometric_mean
+from reports.criterion import criterion_answer, criterion_tables, thresholds
+from reports.figures import plot_accuracy, plot_cost, plot_profiles, plot_work
+from reports.findings import how_accurate, join, ordinal, warm_start_worth, which_method
+from reports.frames import animate_scene, plot_scene, window_of
+from reports.motion import frame_times, motion_of
+from reports.page import report, write_report
+from reports.profiles import profile, ratios
+from reports.protocol import record_command, reproduce
+from reports.results import Results, empty_rows, load_results, prepare
+from reports.table import microseconds, percent, short
+from reports.tables import (
+    accuracy_table,
+    cost_table,
+    losses,
+    scene_table,
+    verified_table,
+    warm_table,
+)
 
 SCENES = ("fig2", "fig4")
 
@@ -76,6 +100,9 @@ def make_rows(
                             "machine": "one machine",
                             "versions": '{"daqp": "0.7.2"}',
                             "study": "test",
+                            "asked": 1e-6,
+                            "scale": 1e-3,
+                            "warm_started": arm == "warm" and i not in (0, 3, 4),
                         }
                         out.append({**row, **changes})
     return pd.DataFrame(out)
@@ -83,3 +110,528 @@ def make_rows(
 
 def results_of(rows, recordings=None):
     return Results(prepare(rows), recordings or {})
+
+
+def make_recording(scene="fig2", bodies=2, steps=40, **parameters):
+    """A recording of boxes that slide apart, with a QP at every step."""
+    t = np.linspace(0.0, 1.0, steps)
+    q = np.zeros((steps, bodies, 3))
+    for body in range(bodies):
+        q[:, body, 0] = 2.5 * body + body * t
+        q[:, body, 1] = 0.5
+        q[:, body, 2] = 0.3 * body * t
+    box = np.array([(-1.0, -0.5), (1.0, -0.5), (1.0, 0.5), (-1.0, 0.5)])
+    rng = np.random.default_rng(7)
+    qps, solutions = [], []
+    for i in range(10):
+        A = rng.normal(size=(3 * bodies, 4))
+        A[:, 3] = A[:, 2]
+        kind = "impulse" if i == 3 else "step"
+        qp = ContactQP(A, rng.normal(size=3 * bodies), np.zeros(4), np.full(4, np.inf))
+        qp = ContactQP(
+            qp.A, qp.d, qp.lower, qp.upper, kind=kind, accepted=i != 5, restart=i == 4, t=0.1 * i
+        )
+        qps.append(qp)
+        solutions.append(
+            Solution(np.zeros(4), qp.row_id, Status.SOLVED, np.full(4, FREE, dtype=np.int8))
+        )
+    from harness.oracle import reference
+
+    return Recording(
+        scene=scene,
+        parameters=parameters,
+        eps=1e-3,
+        gravity=9.81,
+        code_version="test",
+        qps=qps,
+        solutions=solutions,
+        references=[reference(qp) for qp in qps],
+        polygons=[[box]] * bodies,
+        t=t,
+        q=q,
+        v=np.gradient(q, t, axis=0),
+        events=[Event(0.3, "impulse", "1 and 2"), Event(0.4, "slide_off", "")],
+        counts={"steps": steps - 1, "rejected_steps": 1, "impulses": 1},
+    )
+
+
+@pytest.fixture(scope="module")
+def study():
+    """Two scenes with recordings; lotstedt, a variant and two others."""
+
+    def runtime(scene, solver, setting, arm, i):
+        base = {"lotstedt": 40e-6, "lotstedt[exact_qr]": 60e-6, "daqp": 4e-6, "osqp": 20e-6}
+        return base[solver] * (0.5 if arm == "warm" else 1.0) * (1 + 0.01 * i)
+
+    def verdict(scene, solver, setting, arm, i):
+        return "claimed_wrong" if solver == "osqp" and i == 7 else "verified"
+
+    rows = make_rows(
+        solvers=("lotstedt", "lotstedt[exact_qr]", "daqp", "osqp"),
+        settings=("paper", "high"),
+        runtime=runtime,
+        verdict=verdict,
+    )
+    return results_of(rows, {scene: make_recording(scene) for scene in SCENES})
+
+
+# Means, shifts, charges and common sets
+
+
+def test_shifted_mean_by_hand():
+    # log((1+1)(3+1))/2 with a shift of 1 µs: √(2·4) − 1
+    assert shifted_geometric_mean([1e-6, 3e-6]) == pytest.approx((np.sqrt(8) - 1) * 1e-6)
+    assert np.isnan(shifted_geometric_mean([]))
+
+
+def test_unverified_rows_are_charged_the_limit():
+    rows = make_rows(
+        scenes=("fig2",),
+        solvers=("daqp",),
+        arms=("cold",),
+        qps=2,
+        runtime=lambda *key: 1e-6,
+        verdict=lambda *key: "verified" if key[-1] == 0 else "claimed_wrong",
+    )
+    comparison = compare(prepare(rows), "fig2", "paper", "cold")
+    assert comparison.charged()["daqp"].tolist() == [1e-6, TIME_LIMIT]
+    summary = comparison.summary().loc["daqp"]
+    assert summary["median"] == 1e-6
+    assert summary["verified"] == 0.5
+    assert summary["mean"] == pytest.approx(np.sqrt(2e-6 * (1 + 1e-6)) - 1e-6)
+    assert not summary["best"]
+
+
+def test_a_wrong_answer_cannot_be_the_best():
+    rows = make_rows(
+        scenes=("fig2",),
+        arms=("cold",),
+        runtime=lambda scene, solver, *rest: {"lotstedt": 8e-6, "daqp": 4e-6, "osqp": 1e-6}[solver],
+        verdict=lambda *key: "inaccurate" if key[1] == "osqp" and key[-1] == 1 else "verified",
+    )
+    summary = compare(prepare(rows), "fig2", "paper", "cold").summary()
+    assert summary.index[summary["best"]].tolist() == ["daqp"]
+    assert summary["ratio"].to_dict() == {"lotstedt": 2.0, "daqp": 1.0, "osqp": 0.25}
+
+
+def test_common_set_is_what_no_compared_run_skipped():
+    rows = make_rows(
+        scenes=("fig2",),
+        arms=("cold",),
+        qps=20,
+        verdict=lambda *key: "skipped" if key[1] == "daqp" and key[-1] in (3, 8) else "verified",
+    )
+    comparison = compare(prepare(rows), "fig2", "paper", "cold")
+    assert (comparison.common, comparison.qps) == (18, 20)
+    assert comparison.left_out == ()
+    assert comparison.rows.groupby("solver").size().to_dict() == {
+        "daqp": 18,
+        "lotstedt": 18,
+        "osqp": 18,
+    }
+
+
+def test_a_run_that_skips_much_is_left_out_and_named():
+    rows = make_rows(
+        scenes=("fig2",),
+        arms=("cold",),
+        verdict=lambda *key: "skipped" if key[1] == "daqp" and key[-1] < 5 else "verified",
+    )
+    comparison = compare(prepare(rows), "fig2", "paper", "cold")
+    assert comparison.common == 10
+    assert [(entry.solver, entry.solved, entry.reason) for entry in comparison.left_out] == [
+        ("daqp", 5, "too many contacts")
+    ]
+    notes = " ".join(cost_table(results_of(rows), "paper").notes)
+    assert "daqp is left out, it solved 5 of 10 QPs (too many contacts)" in notes
+
+
+def test_free_flight_is_not_compared():
+    rows = make_rows(scenes=("fig2",), solvers=("daqp",), arms=("cold",))
+    rows.loc[rows["step"] < 4, "k"] = 0
+    assert compare(prepare(rows), "fig2", "paper", "cold").common == 6
+
+
+def test_without_a_warm_arm_a_backend_stands_with_its_cold_one():
+    rows = make_rows(scenes=("fig2",))
+    rows = rows[(rows["solver"] != "osqp") | (rows["arm"] == "cold")]
+    comparison = compare(prepare(rows), "fig2", "paper", "warm")
+    assert comparison.without_warm == ("osqp",)
+    assert comparison.solvers == ["lotstedt", "daqp", "osqp"]
+    data = cost_table(results_of(rows), "paper").data.set_index("solver")
+    assert data.loc["osqp", "warm start"] == "no"
+
+
+def test_machines_do_not_mix_in_a_ratio():
+    rows = make_rows(scenes=("fig2",), arms=("cold",))
+    rows.loc[rows["solver"] == "osqp", "machine"] = "another"
+    comparison = compare(prepare(rows), "fig2", "paper", "cold")
+    assert comparison.machines == ("one machine", "another")
+    assert comparison.solvers == ["lotstedt", "daqp"]
+
+
+# Tables
+
+
+def test_cost_table_numbers_and_losses():
+    def runtime(scene, solver, setting, arm, i):
+        return {"lotstedt": 31e-6, "daqp": 10e-6, "osqp": 20e-6}[solver]
+
+    table = cost_table(results_of(make_rows(scenes=("fig3",), runtime=runtime)), "paper")
+    data = table.data.set_index("solver")
+    assert data["cold ÷ best"].round(12).to_dict() == {"lotstedt": 3.1, "daqp": 1.0, "osqp": 2.0}
+    assert (
+        "On fig3 (cold, paper) daqp is 3.10× faster than lotstedt (10.0 µs against 31.0 µs)."
+        in table.notes
+    )
+    assert "shift 1 µs" in table.reading and "charged 1 s" in table.reading
+
+
+def test_no_loss_is_claimed_where_the_method_wins():
+    rows = prepare(make_rows(runtime=lambda *key: 1e-6 if key[1] == "lotstedt" else 2e-6))
+    assert losses(compare(rows, "fig2", "paper", "warm")) == []
+
+
+def test_a_method_that_misses_says_so():
+    rows = make_rows(
+        verdict=lambda *key: "failed" if key[1] == "lotstedt" and key[-1] == 2 else "verified"
+    )
+    said = losses(compare(prepare(rows), "fig2", "paper", "cold"))
+    assert said == ["On fig2 (cold, paper) lotstedt is not verified on 1 of 10 QPs."]
+    notes = accuracy_table(results_of(rows), "paper").notes
+    assert notes[0] == "On fig2 lotstedt misses 2 of 20 solves."
+
+
+def test_accuracy_table_counts(study):
+    data = accuracy_table(study, "paper").data.set_index(["scene", "solver"])
+    osqp = data.loc[("fig2", "osqp")]
+    assert (osqp["solves"], osqp["misses"], osqp["claimed wrong"]) == (20, 2, 2)
+    assert osqp["verified"] == 0.9
+    assert (osqp["Gλ error, median"], osqp["Gλ error, max"]) == (1e-13, 1e-3)
+    assert data.loc[("fig4", "lotstedt"), "misses"] == 0
+    assert next(iter(data.index)) == ("fig2", "lotstedt")
+
+
+def test_verified_table_has_a_column_per_scene(study):
+    table = verified_table(study, "paper")
+    assert list(table.data.columns) == ["solver", "fig2", "fig4"]
+    assert table.display().set_index("solver").loc["osqp"].tolist() == ["90.0 %", "90.0 %"]
+
+
+def test_warm_table_leaves_out_what_was_not_started_warm(study):
+    data = warm_table(study, "paper").data.set_index(["scene", "solver"])
+    own = data.loc[("fig2", "lotstedt")]
+    # 10 QPs less the first, the impulse and the one that follows the restart
+    assert own["QPs"] == own["pairs"] == 7
+    assert own["iteration ratio"] == 0.25
+    assert (own["one direction, cold"], own["one direction, warm"]) == (0.0, 1.0)
+    assert own["time ratio"] == pytest.approx(0.5, abs=1e-3)
+    assert data.loc[("fig2", "osqp"), "pairs"] == 6
+    assert np.isnan(data.loc[("fig2", "daqp"), "one direction, warm"])
+
+
+def test_a_warm_start_that_costs_is_called_so():
+    rows = make_rows(runtime=lambda *key: 3e-6 if key[3] == "warm" else 2e-6)
+    notes = warm_table(results_of(rows), "paper").notes
+    assert notes[0].startswith("On fig2 a warm start makes lotstedt slower: 1.50×")
+
+
+def test_scene_table_from_recording_and_from_rows_agree_on_qps(study):
+    recorded = scene_table(study).data.set_index("scene").loc["fig2"]
+    assert (recorded["steps"], recorded["rejected"]) == (39, 1)
+    assert (recorded["QPs"], recorded["step"], recorded["impulse"]) == (10, 9, 1)
+    assert recorded["rank deficient"] == 1.0
+    bare = scene_table(Results(study.rows)).data.set_index("scene").loc["fig2"]
+    for name in ("QPs", "step", "impulse", "restarts"):
+        assert bare[name] == recorded[name]
+
+
+def test_markdown_and_csv(study):
+    table = cost_table(study, "paper")
+    text = table.to_markdown()
+    assert text.startswith("## Time per QP in µs, setting paper\n\n*How to read:* ")
+    assert "\n- On fig2 (cold, paper) daqp is" in text
+    from io import StringIO
+
+    back = pd.read_csv(StringIO(table.to_csv()))
+    assert back["cold median"].to_numpy() == pytest.approx(table.data["cold median"].to_numpy())
+
+
+def test_numbers_are_printed_honestly():
+    assert percent(0.99999) == "99.9 %" and percent(1.0) == "100 %"
+    assert percent(1e-6) == "0.1 %" and percent(0.0) == "0 %"
+    assert microseconds(1.234e-6) == "1.23"
+    assert [short(v) for v in (0, 9.999, 12.34, 123.4, 5123.4, 1e-5)] == [
+        "0",
+        "10.0",
+        "12.3",
+        "123",
+        "5,123",
+        "1.0e-05",
+    ]
+    assert [ordinal(n) for n in (1, 2, 3, 4, 11, 12, 13, 21, 112)] == (
+        ["1st", "2nd", "3rd", "4th", "11th", "12th", "13th", "21st", "112th"]
+    )
+    assert join(["a"]) == "a" and join(["a", "b", "c"]) == "a, b and c"
+    assert join(list("abcdefgh"), 3) == "a, b and 6 others"
+
+
+# Profiles
+
+
+def test_profile_by_hand():
+    rows = make_rows(
+        scenes=("fig2",),
+        solvers=("daqp", "osqp"),
+        arms=("cold",),
+        qps=4,
+        runtime=lambda *key: 1e-6 if key[1] == "daqp" else (4e-6 if key[-1] < 2 else 0.5e-6),
+        verdict=lambda *key: "failed" if key[1] == "daqp" and key[-1] == 0 else "verified",
+    )
+    table = ratios([compare(prepare(rows), "fig2", "paper", "cold")])
+    assert table["daqp"].tolist() == [np.inf, 1.0, 2.0, 2.0]
+    assert table["osqp"].tolist() == [1.0, 4.0, 1.0, 1.0]
+    rho = profile(table, [1, 2, 4])
+    assert rho["daqp"].tolist() == [0.25, 0.75, 0.75]
+    assert rho["osqp"].tolist() == [0.75, 0.75, 1.0]
+
+
+def test_what_nobody_solved_counts_against_all():
+    rows = make_rows(scenes=("fig2",), arms=("cold",), qps=2, verdict=lambda *key: "failed")
+    table = ratios([compare(prepare(rows), "fig2", "paper", "cold")])
+    assert np.isinf(table.to_numpy()).all()
+
+
+# Findings
+
+
+def test_headlines_follow_the_data():
+    slow = results_of(make_rows(runtime=lambda *key: 20e-6 if key[1] == "lotstedt" else 10e-6))
+    answer = which_method(slow)
+    assert answer.caption == "daqp" and answer.figure == "10.0 µs"
+    assert "loses on fig2 and fig4" in " ".join(answer.sentences)
+    assert "2.00 times as much, and stands 3rd of the 3" in " ".join(answer.sentences)
+    fast = results_of(make_rows(runtime=lambda *key: 5e-6 if key[1] == "lotstedt" else 10e-6))
+    answer = which_method(fast)
+    assert answer.caption == "lotstedt"
+    assert "the fastest on fig2 and fig4" in " ".join(answer.sentences)
+    assert "loses" not in " ".join(answer.sentences)
+
+
+def test_accuracy_headline_names_who_misses(study):
+    answer = how_accurate(study)
+    assert answer.figure == "3 of 4"
+    assert "osqp (90.0 %)" in " ".join(answer.sentences)
+    assert "4 answers are more than 1000 times off" in " ".join(answer.sentences)
+
+
+def test_warm_headline(study):
+    answer = warm_start_worth(study)
+    assert answer.caption == "the cold time of lotstedt"
+    assert "100 % of them take at most one descent direction, 0 % when cold" in answer.sentences[0]
+
+
+def test_criterion_tables(study):
+    model, alternatives = criterion_tables(study)
+    from harness.cost_model import criterion_of
+
+    counted = criterion_of(study.recordings["fig2"])
+    row = model.data.set_index("scene").loc["fig2"]
+    assert row["√(2 C_QR/C_IT)"] == counted.threshold == thresholds(study)["fig2"]
+    assert row["C(n*)/T"] == counted.cost_per_call
+    # Of the 7 QPs started warm (1, 2, 5, 6, 7, 8, 9) one is a multiple of 4.
+    assert (row["warm QPs"], row["factorizations"], row["CG per QP"]) == (7, 1, 2.0)
+    assert row["QR + CG"] == pytest.approx(counted.C_QR / 7 + 2 * counted.C_IT)
+    other = alternatives.data.set_index(["scene", "solver"])
+    assert other.loc[("fig2", "lotstedt[exact_qr]"), "time ratio"] == pytest.approx(1.5)
+    assert other.loc[("fig2", "daqp"), "time ratio"] == pytest.approx(0.1)
+    assert np.isnan(other.loc[("fig2", "daqp"), "flops per QP"])
+    assert "conjugate gradient iterations" in criterion_answer(study).caption
+
+
+# Reading results
+
+
+def test_bad_results_are_refused():
+    rows = make_rows(qps=2)
+    with pytest.raises(ValueError, match="lack the columns verdict"):
+        prepare(rows.drop(columns="verdict"))
+    with pytest.raises(ValueError, match="stored twice"):
+        prepare(pd.concat([rows, rows.iloc[:1]]))
+    mixed = rows.copy()
+    mixed.loc[mixed["solver"] == "daqp", "recording_digest"] = "another"
+    with pytest.raises(ValueError, match="fig2 holds solves of 2 different recordings"):
+        prepare(mixed)
+
+
+def test_an_absent_or_empty_folder_says_what_to_run(tmp_path):
+    with pytest.raises(ValueError, match="is not a folder"):
+        load_results(tmp_path / "nowhere")
+    with pytest.raises(ValueError, match="run `glambda study`"):
+        write_report(tmp_path, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_real_folder_from_recording_to_page(tmp_path):
+    from harness.replay import replay
+
+    recording = make_recording("fig2")
+    replay(recording, ["lotstedt", "scipy_bvls"], results=tmp_path / "results", repeats=1)
+    results = load_results(tmp_path / "results")
+    assert results.scenes == ["fig2"]
+    assert results.missing == ()
+    assert results.rows["verified"].all()
+    page = write_report(tmp_path / "results", tmp_path / "out")
+    assert "2 of 2" in page.read_text(encoding="utf-8")
+    table = warm_table(results, "paper").data
+    assert table.set_index("solver").loc["lotstedt", "QPs"] == 7
+
+
+# Pictures
+
+
+def test_motion_of_a_run_and_of_a_recording_agree():
+    recording = make_recording("fig3", anchor_above=2.0, bodies=1)
+    spring = SimpleNamespace(body=0, point=(-1.0, 0.5), anchor=(-1.0, 3.0))
+    run = SimpleNamespace(
+        scene=SimpleNamespace(
+            label="fig3",
+            bodies=[SimpleNamespace(polygons=body) for body in recording.polygons],
+            forces=[spring],
+        ),
+        t=recording.t,
+        q=recording.q,
+        v=recording.v,
+    )
+    one, two = motion_of(recording), motion_of(run)
+    pose = one.pose(0.5)
+    assert np.allclose(one.spring_ends(pose), two.spring_ends(pose))
+    assert np.allclose(one.corners(pose, 0), two.corners(pose, 0))
+
+
+def test_corners_turn_with_the_body():
+    recording = make_recording(bodies=1)
+    motion = motion_of(recording)
+    corners = motion.corners(np.array([[1.0, 2.0, np.pi / 2]]), 0)[0]
+    assert np.allclose(corners, [(1.5, 1.0), (1.5, 3.0), (0.5, 3.0), (0.5, 1.0)])
+
+
+def test_frames_hold_the_ends_and_the_papers_times():
+    recording = make_recording("fig3")
+    object.__setattr__(recording, "t", 12 * recording.t)
+    times = frame_times(motion_of(recording), 12)
+    assert len(times) == 12 and times == sorted(times)
+    assert {0.0, 12.0, 0.7302, 2.1151, 4.0002} <= set(times)
+    with pytest.raises(ValueError, match="at least one"):
+        frame_times(motion_of(recording), 0)
+
+
+def test_window_holds_every_body_and_the_ground():
+    motion = motion_of(make_recording())
+    window = window_of(motion, [motion.pose(0.0), motion.pose(1.0)])
+    assert window.left < -1 and window.right > 4.5 and window.bottom < 0 and window.top > 1
+
+
+@pytest.mark.parametrize("suffix", ["svg", "png", "pdf"])
+def test_frames_are_drawn_the_same_twice(tmp_path, suffix):
+    recording = make_recording("fig3", bodies=2, anchor_above=2.0)
+    first = plot_scene(recording, tmp_path / f"a.{suffix}").read_bytes()
+    second = plot_scene(recording, tmp_path / "sub" / f"b.{suffix}").read_bytes()
+    assert len(first) > 5000
+    assert first == second
+
+
+def test_frames_of_bodies_far_apart_keep_one_scale(tmp_path):
+    recording = make_recording()
+    q = recording.q.copy()
+    q[:, 1, 0] = 2.5 + 60 * recording.t
+    object.__setattr__(recording, "q", q)
+    assert plot_scene(recording, tmp_path / "a.png").stat().st_size > 5000
+
+
+def test_frames_at_given_times(tmp_path):
+    recording = make_recording()
+    assert plot_scene(recording, tmp_path / "a.svg", times=[0.25]).exists()
+    with pytest.raises(ValueError, match="times is empty"):
+        plot_scene(recording, tmp_path / "a.svg", times=[])
+
+
+def test_animation(tmp_path):
+    recording = make_recording()
+    path = animate_scene(recording, tmp_path / "a.gif", fps=5)
+    from PIL import Image
+
+    with Image.open(path) as image:
+        assert image.n_frames == 6
+    with pytest.raises(ValueError, match=r"is written as \.gif"):
+        animate_scene(recording, tmp_path / "a.mp4")
+    with pytest.raises(ValueError, match="must be positive"):
+        animate_scene(recording, tmp_path / "a.gif", fps=0)
+
+
+def test_figures_exist(tmp_path, study):
+    for draw in (plot_accuracy, plot_cost, plot_profiles):
+        assert draw(study, "paper", tmp_path / "a.png").stat().st_size > 5000
+        with pytest.raises(ValueError, match="'default' has no solves"):
+            draw(study, "default", tmp_path / "a.png")
+    assert plot_work(study, "fig2", tmp_path / "w.png", threshold=2.1).stat().st_size > 5000
+    with pytest.raises(ValueError, match="was not run warm"):
+        plot_work(study, "fig9", tmp_path / "w.png")
+
+
+# The page
+
+
+def test_page_stands_alone_and_is_the_same_twice(tmp_path, study):
+    page = report(study, tmp_path / "a").read_text(encoding="utf-8")
+    assert not re.search(r"https?://", page)
+    assert not re.search(r"<(script|link|img|iframe|object)\b", page)
+    assert not re.search(r"url\((?!#)", page)
+    assert page == report(study, tmp_path / "b").read_text(encoding="utf-8")
+    for folder in ("tables", "figures"):
+        for path in sorted((tmp_path / "a" / folder).iterdir()):
+            assert path.read_bytes() == (tmp_path / "b" / folder / path.name).read_bytes(), path
+    names = re.findall(r'\bid="([^"]+)"', page)
+    assert len(names) == len(set(names))
+    anchors = set(re.findall(r'href="#([^"]+)"', page))
+    assert anchors <= set(names)
+
+
+def test_page_says_where_the_method_loses(tmp_path, study):
+    page = report(study, tmp_path).read_text(encoding="utf-8")
+    section = page[page.index('id="unflattering"') :]
+    assert "On fig4 (warm, high) daqp is" in section.replace("\u00a0", " ")
+
+
+def test_page_of_recordings_alone(tmp_path):
+    results = Results(empty_rows(), {"fig5": make_recording("fig5")}, ("No solves are stored.",))
+    page = report(results, tmp_path).read_text(encoding="utf-8")
+    assert "No solves are stored." in page
+    assert 'id="accuracy"' not in page and 'id="unflattering"' not in page
+    assert (tmp_path / "figures" / "frames_fig5.svg").exists()
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        {"arms": ("cold",)},
+        {"arms": ("warm",)},
+        {"solvers": ("daqp", "osqp")},
+        {"solvers": ("lotstedt",)},
+        {"settings": ("high",), "scenes": ("fig3",)},
+        {"verdict": lambda *key: "skipped"},
+        {"verdict": lambda *key: "failed", "glambda_error": np.nan, "eps0_ratio": np.nan},
+    ],
+    ids=["cold", "warm", "no method", "method alone", "high", "all skipped", "all failed"],
+)
+def test_page_of_a_partial_study(tmp_path, part):
+    page = report(results_of(make_rows(**part)), tmp_path).read_text(encoding="utf-8")
+    assert "nan" not in re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL).lower()
+    assert 'id="reproduce"' in page
+
+
+def test_commands_to_reproduce(study):
+    assert record_command("fig4,mu_I=0.8") == "glambda record fig4 --set mu_I=0.8 -o recordings"
+    text = reproduce(study)
+    assert "--settings paper,high --arms cold,warm" in text
+    assert "--qp 0" in text
