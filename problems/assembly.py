@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from problems.bodies import GROUND
 from problems.constraint_graph import ConstraintGraph
 from problems.contacts import Columns, Pose
-from problems.qp import Matrix, Vector
+from problems.qp import Indices, Matrix, Vector
 
 DENSE_ENTRIES = 250_000
 """Matrices with more entries than this are kept sparse."""
@@ -36,9 +36,11 @@ class Assembly:
         self.pose: Pose = geometry.pose(q)
         self.normals = graph.active()
         self.frictions = graph.active_frictions()
-        self.places = [handed_over.get(n.row_id, n.place) for n in self.normals]
-        place = np.array(self.places, dtype=np.int64).reshape(-1, 3)
-        self.columns: Columns = geometry.columns(self.pose, *place.T)
+        self.places: list[tuple[int, int, int]] = [
+            handed_over.get(n.row_id, n.place) for n in self.normals
+        ]
+        self.place: Indices = np.array(self.places, dtype=np.int64).reshape(-1, 3)
+        self.columns: Columns = geometry.columns(self.pose, *self.place.T)
         m = 3 * geometry.n_bodies
         index = {normal.row_id: i for i, normal in enumerate(self.normals)}
         groups = [[index[n.row_id] for n in f.contact.normals] for f in self.frictions]
@@ -49,7 +51,10 @@ class Assembly:
         counts = [len(group) for group in groups]
         rows = np.repeat(np.arange(len(groups)), counts)
         self.members = sp.csr_array(
-            (np.ones(len(rows)), (rows, np.array(sum(groups, []), dtype=np.int64))),
+            (
+                np.ones(len(rows)),
+                (rows, np.array([i for group in groups for i in group], dtype=np.int64)),
+            ),
             shape=(len(groups), len(self.normals)),
         )
         self.mu = np.array([f.contact.mu for f in self.frictions])
@@ -57,14 +62,14 @@ class Assembly:
         self.friction_ids = np.array([f.row_id for f in self.frictions], dtype=np.int64)
         self._first = first
 
-    def features(self, frictions: Vector, order: Vector) -> np.ndarray:
+    def features(self, frictions: Indices, order: Indices) -> Indices:
         """`ContactQP.feature` of all normals and the given frictions, in `order`."""
         rows = [self.geometry.feature(*place, 0) for place in self.places]
         rows += [self.geometry.feature(*self.places[self._first[j]], 1) for j in frictions]
         return np.array(rows, dtype=np.int64).reshape(-1, 5)[order]
 
 
-def _scatter(m: int, bodies: Vector, entries: Vector) -> sp.csc_array:
+def _scatter(m: int, bodies: Indices, entries: Vector) -> sp.csc_array:
     """Columns with `entries` (N, 6) in the rows of their two bodies; the ground has none."""
     count = len(bodies)
     rows = 3 * np.repeat(bodies, 3, axis=1) + np.tile(np.arange(3), 2)

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from problems.qp import Vector
 from problems.shapes import (
@@ -44,8 +44,8 @@ class Body:
         return max(float(np.linalg.norm(part, axis=1).max()) for part in self.polygons)
 
 
-def polygon_body(parts: ArrayLike | Sequence[ArrayLike], density: float = 1.0) -> Body:
-    """Body of uniform `density` [kg/m²] from one convex polygon, or from several that do not overlap.
+def polygon_body(parts: Any, density: float = 1.0) -> Body:
+    """Body of uniform `density` [kg/m²] from one convex polygon, or several that do not overlap.
 
     parts : corners (c, 2) of a convex polygon, or a sequence of such arrays.  They are shifted so
         that the centre of gravity becomes the origin.

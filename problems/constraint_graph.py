@@ -14,12 +14,13 @@ moved by half of it.  A candidate may carry a *reference level*: where a contact
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from problems.contacts import PARALLEL_SINE, Geometry, Pose
-from problems.qp import Vector
+from problems.qp import Indices, Vector
 from problems.shapes import cross
 
 FORGET_LEVEL = 1e-6
@@ -68,7 +69,7 @@ class Contact:
 class ConstraintGraph:
     """Active constraints J_N, J_FO, J_FW and the candidates around them."""
 
-    def __init__(self, geometry: Geometry, mu_of):
+    def __init__(self, geometry: Geometry, mu_of: Callable[[int, int], float]):
         self.geometry = geometry
         self.mu_of = mu_of
         self.of_body: dict[int, list[Contact]] = {}
@@ -160,7 +161,7 @@ class ConstraintGraph:
 
     # --- candidates ------------------------------------------------------------------------------
 
-    def candidates(self, before: Vector, after: Vector) -> tuple[Vector, Vector]:
+    def candidates(self, before: Vector, after: Vector) -> tuple[Indices, Indices]:
         """Corners and parts (N,), (N,) that may touch on the way from q `before` to q `after`.
 
         Active constraints are left out.  The list of the broad phase is kept until a body has moved
@@ -177,7 +178,7 @@ class ConstraintGraph:
         free = np.array([pair not in busy for pair in zip(corner, part, strict=True)], dtype=bool)
         return corner[free], part[free]
 
-    def levels(self, corner: Vector, part: Vector) -> Vector:
+    def levels(self, corner: Indices, part: Indices) -> Vector:
         """Reference level of each candidate, (N,) ≤ 0."""
         if not self.level:
             return np.zeros(corner.size)

@@ -1,8 +1,8 @@
 """Corner–edge contacts: the constraint functions φ, their columns g_N and g_F, the broad phase.
 
 A constraint says that a corner of one convex part stays on the outer side of an edge of another.
-With n the outward normal of the edge, τ = J n its direction, c the corner, x_b the centre of gravity
-of the body that carries the edge:
+With n the outward normal of the edge, τ = J n its direction, c the corner, x_b the centre of
+gravity of the body that carries the edge:
 
     φ   = n·(c − x_b) − offset                                               (2.3)
     g_N = ∂φ/∂q       = [ n, r_a × n | −n, −r_b × n ],  r_a = c − x_a, r_b = c − x_b
@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from problems.bodies import GROUND, Body
-from problems.qp import Vector
+from problems.qp import Indices, Vector
 from problems.shapes import cross, rotate_quarter
 
 CONTACT_TOL = 1e-3
@@ -64,7 +64,7 @@ class Columns(NamedTuple):
     phi: Vector
     normal: Vector
     tangent: Vector
-    bodies: Vector
+    bodies: Indices
     point: Vector
     along: Vector
     length: Vector
@@ -128,7 +128,7 @@ class Geometry:
         corners[:, 1] = state[b, 1] + sine[b] * local[:, 0] + cosine[b] * local[:, 1]
         return Pose(corners, state[:, :2], cosine, sine)
 
-    def distances(self, pose: Pose, corner: Vector, part: Vector) -> Vector:
+    def distances(self, pose: Pose, corner: Indices, part: Indices) -> Vector:
         """φ of each corner against every edge of its part, (N, E); −inf where there is no edge."""
         b = self.part_body[part]
         away = pose.corners[corner] - pose.centres[b]
@@ -141,11 +141,11 @@ class Geometry:
             - self.edge_offset[part]
         )
 
-    def clearance(self, pose: Pose, corner: Vector, part: Vector) -> Vector:
+    def clearance(self, pose: Pose, corner: Indices, part: Indices) -> Vector:
         """max_e φ_e of each corner against its part, (N,) [m]; negative inside."""
         return self.distances(pose, corner, part).max(axis=1)
 
-    def columns(self, pose: Pose, corner: Vector, part: Vector, edge: Vector) -> Columns:
+    def columns(self, pose: Pose, corner: Indices, part: Indices, edge: Indices) -> Columns:
         """Constraint functions and columns of N corner–edge pairs."""
         a, b = self.corner_body[corner], self.part_body[part]
         local = self.edge_normal[part, edge]

@@ -18,8 +18,11 @@ from problems.qp import Vector
 class Force(Protocol):
     """What the stepper needs to know of a force."""
 
-    velocity_dependent: bool
-    jumps: tuple[float, ...]
+    @property
+    def velocity_dependent(self) -> bool: ...
+
+    @property
+    def jumps(self) -> tuple[float, ...]: ...
 
     def add(self, f: Vector, q: Vector, v: Vector, t: float) -> None:
         """Add the force at (q, v, t) to f (3n,) [N, N, N·m per body]."""
@@ -61,14 +64,16 @@ class SpringDamper:
     jumps: tuple[float, ...] = ()
 
     @property
-    def velocity_dependent(self) -> bool:  # type: ignore[override]
+    def velocity_dependent(self) -> bool:
         return self.damping != 0.0
 
     def _reach(self, q: Vector) -> tuple[Vector, Vector]:
         x, y, angle = q[3 * self.body : 3 * self.body + 3]
         c, s = np.cos(angle), np.sin(angle)
-        arm = np.array([c * self.point[0] - s * self.point[1], s * self.point[0] + c * self.point[1]])
-        return arm, arm + (x - self.anchor[0], y - self.anchor[1])
+        arm = np.array(
+            [c * self.point[0] - s * self.point[1], s * self.point[0] + c * self.point[1]]
+        )
+        return arm, arm + np.array([x - self.anchor[0], y - self.anchor[1]])
 
     def add(self, f: Vector, q: Vector, v: Vector, t: float) -> None:
         i = 3 * self.body
@@ -101,7 +106,7 @@ class Load:
     velocity_dependent = False
 
     @property
-    def jumps(self) -> tuple[float, ...]:  # type: ignore[override]
+    def jumps(self) -> tuple[float, ...]:
         return tuple(time for time in (self.start, self.end) if 0 < time < np.inf)
 
     def add(self, f: Vector, q: Vector, v: Vector, t: float) -> None:

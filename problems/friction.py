@@ -1,7 +1,7 @@
 """Coulomb friction in the discrete model of §4: lagged sliding forces and lagged bounds.
 
-Where a contact slides (J_FW) the friction force is s μ λ_*, where it sticks (J_FO) the multiplier is
-bounded by ± μ λ_*; λ_* stands for the normal multiplier, unknown until the QP is solved:
+Where a contact slides (J_FW) the friction force is s μ λ_*, where it sticks (J_FO) the multiplier
+is bounded by ± μ λ_*; λ_* stands for the normal multiplier, unknown until the QP is solved:
 
     (4.2)  extrapolated from the last two steps
     (4.3)  that of the last step, after a jump in q̈
@@ -25,7 +25,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from problems.assembly import Assembly
-from problems.qp import Vector
+from problems.qp import Indices, Vector
 
 FrictionRule = Literal["paper", "corrected"]
 
@@ -51,7 +51,7 @@ def spring_multipliers(
     h: float,
 ) -> Vector:
     """λ_* (N,) by the spring of (4.4), with q, q̇ and f of t_{n−1}."""
-    corner, part, edge = np.array(assembly.places, dtype=np.int64).reshape(-1, 3).T
+    corner, part, edge = assembly.place.T
     q_star = q + h * v + 0.5 * h * h * inverse_mass * f
     geometry = assembly.geometry
     now = geometry.columns(geometry.pose(q), corner, part, edge).phi
@@ -97,7 +97,7 @@ class Relaxation:
         return np.maximum(0.0, lam_star + self.weight * gap)
 
 
-def coulomb_rows(assembly: Assembly, sticking: Vector, order: Vector) -> sp.csr_array:
+def coulomb_rows(assembly: Assembly, sticking: Indices, order: Indices) -> sp.csr_array:
     """Rows C with C λ ≥ 0 ⇔ |λ_F| ≤ μ Σ λ_N of the sticking contacts, for (4.8).
 
     sticking : indices of the frictions that are columns of the QP;  order : the QP's columns among

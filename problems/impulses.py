@@ -67,8 +67,9 @@ def solve_impulse(
         t=t,
         eps0=IMPULSE_ACCURACY * max(1.0, float(np.linalg.norm(D * v))),
     )
-    return qp.residual(solution.x) / D, qp.multipliers(solution.x)
+    c = np.asarray(solution.x)
+    return qp.residual(c) / D, qp.multipliers(c)
 
 
 IMPULSE_ACCURACY = 1e-10
-"""Accuracy asked of an impulse, relative to the momentum: the paper uses the exact factorization."""
+"""Accuracy asked of an impulse, relative to the momentum: the paper factorizes exactly there."""

@@ -6,15 +6,15 @@ spanning N(A) = N(G), λ = λ_R + Q₂ z, the problem is the least-distance prob
 
     minimise ½ zᵀz   subject to   E z ≥ e                                                  (4.8)
 
-over the rows of (4.6) and, as a remedy, Coulomb's |λ_F| ≤ μ Σ λ_N.  Lawson and Hanson ([25, p. 159])
-turn it into a non-negative least-squares problem, a `ContactQP` like every other:
+over the rows of (4.6) and, as a remedy, Coulomb's |λ_F| ≤ μ Σ λ_N.  Lawson and Hanson ([25,
+p. 159]) turn it into a non-negative least-squares problem, a `ContactQP` like every other:
 
     minimise ½‖B u − e_last‖², u ≥ 0,   B = [Eᵀ; eᵀ];   z = −r_head / r_last,  r = B u − e_last
 
-This differs from the paper: 1. the Coulomb rows; against lagged bounds alone, (4.8) shrinks λ_N while
-|λ_F| stays below an old bound, so the next bound is too small and a resting contact slips, is caught
-and slips again for ever.  They are left out where they are not feasible.  2. z is scaled by ‖λ‖, so
-that r_last ≥ ½ and no digits are lost.
+This differs from the paper: 1. the Coulomb rows; against lagged bounds alone, (4.8) shrinks λ_N
+while |λ_F| stays below an old bound, so the next bound is too small and a resting contact slips, is
+caught and slips again for ever.  They are left out where they are not feasible.  2. z is scaled by
+‖λ‖, so that r_last ≥ ½ and no digits are lost.
 """
 
 from __future__ import annotations
@@ -59,12 +59,10 @@ def least_distance_point(residual: Vector) -> Vector | None:
     return -residual[:-1] / residual[-1]
 
 
-def minimum_norm(
-    qps: QPSequence, qp: ContactQP, x: Vector, coulomb: Vector | sp.sparray | None
-) -> Vector:
+def minimum_norm(qps: QPSequence, qp: ContactQP, x: Vector, coulomb: sp.csr_array | None) -> Vector:
     """Least-norm multipliers with the same A x as `x` within the bounds of `qp`.  (k,)
 
-    coulomb : (p, k) rows C with C λ ≥ 0 to be kept as well, or None.
+    coulomb : (p, k) sparse rows C with C λ ≥ 0 to be kept as well, or None.
     """
     Q2 = null_space(qp.dense_A)
     if Q2.shape[1] == 0:
@@ -80,9 +78,8 @@ def minimum_norm(
     bound_values = np.concatenate([qp.lower[below], -qp.upper[above]])
     rows, values = bound_rows, bound_values
     if coulomb is not None and coulomb.shape[0]:
-        dense = coulomb.toarray() if sp.issparse(coulomb) else coulomb
-        rows = np.vstack([bound_rows, dense])
-        values = np.concatenate([bound_values, np.zeros(dense.shape[0])])
+        rows = np.vstack([bound_rows, coulomb.toarray()])
+        values = np.concatenate([bound_values, np.zeros(coulomb.shape[0])])
     z = _least_distance(qps, qp, Q2, particular, rows, values, size)
     if z is None and rows is not bound_rows:
         z = _least_distance(qps, qp, Q2, particular, bound_rows, bound_values, size)
@@ -119,5 +116,5 @@ def _least_distance(
         alpha0=qp.alpha0,
         eps0=ACCURACY,
     )
-    z = least_distance_point(posed.residual(solution.x))
+    z = least_distance_point(posed.residual(np.asarray(solution.x)))
     return None if z is None else size * z

@@ -16,6 +16,7 @@ BDF-2 loses zero-stability, and h to `h_max`, because in free fall the estimate 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -93,7 +94,7 @@ class History:
         w = h / self.h
         return self.v + h * ((1 + w / 2) * self.a[0] - w / 2 * self.a[1])
 
-    def largest_step(self, eps: float, norm) -> float:
+    def largest_step(self, eps: float, norm: Callable[[Vector], float]) -> float:
         """Largest h whose local error in q_n meets (3.5), ‖ℓ_n‖_M ≤ h ε; inf where it is 0.
 
         AB-1: ℓ = ½h² q̈.  AB-2: ℓ = h² (h/6 + h_{n−1}/4) q⃛, q⃛ ≈ (q̈_{n−1} − q̈_{n−2})/h_{n−1}.

@@ -21,14 +21,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64] | sp.csc_array
+Matrix: TypeAlias = "NDArray[np.float64] | sp.csc_array"
+Indices = NDArray[np.int64]
 
 KINDS = ("step", "iteration", "corrector", "impulse", "minimum_norm")
 """What a QP is for: a time step (3.2), (4.6); a pass of the functional iteration (3.9); a pass of
@@ -44,7 +45,7 @@ AT_LOWER, FREE, AT_UPPER, PASSIVE = -1, 0, 1, 2
 
 def _frozen(name: str, value: ArrayLike, dtype: type = np.float64) -> NDArray[Any]:
     """Copy of `value` as a read-only C array; NaN is refused."""
-    array = np.array(value, dtype=dtype, order="C")
+    array: NDArray[Any] = np.array(value, dtype=dtype, order="C")
     if dtype is np.float64 and np.isnan(array).any():
         where = np.argwhere(np.isnan(array))[0].tolist()
         raise ValueError(f"{name} holds NaN at index {where}; remove it before posing the QP")

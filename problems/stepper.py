@@ -31,7 +31,7 @@ import numpy as np
 
 from problems.assembly import Assembly
 from problems.bodies import mass_diagonal
-from problems.constraint_graph import ConstraintGraph, Normal
+from problems.constraint_graph import ConstraintGraph, Contact, Friction, Normal
 from problems.contacts import Geometry
 from problems.events import (
     SAME_TIME,
@@ -189,8 +189,8 @@ class Stepper:
             if depth > PENETRATION_TOL:
                 names = [self._body_name(int(geometry.part_body[p])) for p in pair]
                 raise ValueError(
-                    f"scene {self.scene.name!r}: {names[0]} and {names[1]} overlap by {depth:.3g} m "
-                    "at the start; move them apart"
+                    f"scene {self.scene.name!r}: {names[0]} and {names[1]} overlap by "
+                    f"{depth:.3g} m at the start; move them apart"
                 )
         for hit in touching(self.graph, self.q, self.history.v, -np.inf):
             self.graph.insert(pose, hit.corner, hit.part, hit.edge)
@@ -230,17 +230,11 @@ class Stepper:
         self._sort_signs()
         path = self.history.path(self.q)
         h_full = self._step_length()
-        next_jump = min(
-            [time for time in self._jumps if time > self.t + SHORTEST_STEP]
-            + [i.t for i in self._impulses if i.t > self.t + SHORTEST_STEP]
-            + [end]
-        )
-        h = min(h_full, next_jump - self.t)
-        refining = False
+        h = min(h_full, min([*self._scheduled(), end]) - self.t)
         for _ in range(MAX_TRIES):
             handed_over, losses = edge_ends(self.graph, path, h)
             hits = first_hits(self.graph, path, h, self.slowest_approach)
-            h_event = min([e.h for e in [*hits, *losses]], default=np.inf)
+            h_event = min([*(hit.h for hit in hits), *(loss.h for loss in losses)], default=np.inf)
             hits = [hit for hit in hits if hit.h <= h_event + SAME_TIME]
             losses = [loss for loss in losses if loss.h <= h_event + SAME_TIME]
             if h_event < SHORTEST_STEP:
@@ -253,22 +247,22 @@ class Stepper:
             shorter = self._rejected_length(step, h)
             if shorter is not None:
                 h, h_full = shorter, min(h_full, shorter)
-                refining = False
                 self._reject()
                 continue
             assert step is not None
-            sticking = self._slip_to_stick(step)
-            if sticking is not None and not (refining and sticking >= h * (1 - 1e-6)):
-                if sticking < SHORTEST_STEP:
-                    self._reject()
-                    self._stick()
-                    return
-                if sticking < h * (1 - 1e-6):
-                    h, refining = sticking, True
-                    self._reject()
-                    continue
+            h_stick, stopped = self._slip_to_stick(step)
+            if h_stick < SHORTEST_STEP:
+                self._reject()
+                self._count_standstill()
+                self._stick(stopped)
+                return
+            if h_stick < h * (1 - 1e-6):
+                h = h_stick
+                self._reject()
+                continue
             self._accept(step, handed_over, h_full)
-            self._after_step(step, hits, losses, sticking is not None)
+            self._after_step(step, hits, losses, stopped)
+            self._watch_rest()
             return
         raise SimulationError(
             f"t = {self.t:.6g}: no acceptable step after {MAX_TRIES} trials (h = {h:.3g}); "
@@ -279,7 +273,9 @@ class Stepper:
         """Step 1: h from (3.5), with limits on growth; the old one after a restart."""
         if self.options.fixed_step is not None:
             return self.options.fixed_step
-        h = min(self.h_last if self.history.steps == 0 else GROWTH * self.h_last, self.options.h_max)
+        h = min(
+            self.h_last if self.history.steps == 0 else GROWTH * self.h_last, self.options.h_max
+        )
         if self.history.steps:
             h = min(h, SAFETY * self.history.largest_step(self.options.eps, self.equations.norm))
         return max(h, 10 * SHORTEST_STEP)
@@ -343,17 +339,20 @@ class Stepper:
         self.counts["steps"] += 1
         self._standstill = 0
         self._record(step)
-        self._watch_rest()
 
     def _after_step(
-        self, step: VelocityStep, hits: list[Hit], losses: list[SlideOff], sticks: bool
+        self,
+        step: VelocityStep,
+        hits: list[Hit],
+        losses: list[SlideOff],
+        stopped: list[Friction],
     ) -> None:
         """Steps 3 and 4, at the end of an accepted step."""
         hits = [hit for hit in hits if hit.h <= step.h + SAME_TIME]
         losses = [loss for loss in losses if loss.h <= step.h + SAME_TIME]
         F = self._external_impulse(self.t)
-        if sticks:
-            self._stick()
+        if stopped:
+            self._stick(stopped)
         for loss in losses:
             self._slide_off(loss.normal)
         if hits or F.any():
@@ -362,7 +361,7 @@ class Stepper:
         if any(abs(time - self.t) <= SHORTEST_STEP for time in self._jumps):
             self._log("force_jump", "")
             self._restart(1)
-        if sticks or losses:
+        if stopped or losses:
             return
         self._drop_separating(step.assembly, step.v, step.lam_N)
         for friction, speed, bound in zip(
@@ -375,16 +374,19 @@ class Stepper:
 
     def _standing_event(self, hits: list[Hit], losses: list[SlideOff]) -> None:
         """Events at t_{n−1} itself."""
+        self._count_standstill()
+        for loss in losses:
+            self._slide_off(loss.normal)
+        if hits:
+            self._impulse(hits, np.zeros_like(self.q))
+
+    def _count_standstill(self) -> None:
         self._standstill += 1
         if self._standstill > MAX_STANDSTILL:
             raise SimulationError(
                 f"t = {self.t:.6g}: {MAX_STANDSTILL} events in a row without time moving on; "
                 "try another eps or drop_tol"
             )
-        for loss in losses:
-            self._slide_off(loss.normal)
-        if hits:
-            self._impulse(hits, np.zeros_like(self.q))
 
     # --- events ----------------------------------------------------------------------------------
 
@@ -444,36 +446,42 @@ class Stepper:
         self.graph.remove(normal, self._clearance(normal))
         self._restart(1)
 
-    def _stick(self) -> None:
-        """J_FW → J_FO at g_Fᵀq̇ = 0, for every contact that slips slower than ε."""
+    def _stick(self, stopped: list[Friction]) -> None:
+        """J_FW → J_FO at g_Fᵀq̇ = 0, for those that stopped and all that slip slower than ε."""
         assembly = Assembly(self.graph, self.q)
         for friction, speed in zip(
             assembly.frictions, assembly.G_F.T @ self.history.v, strict=True
         ):
-            if friction.sign != 0 and abs(speed) <= self.options.eps:
+            slow = friction in stopped or abs(speed) <= self.options.eps
+            if friction.sign != 0 and slow:
                 friction.sign = 0
                 self._log("slip_to_stick", self._contact_name(friction.contact))
         self._restart(1)
 
-    def _slip_to_stick(self, step: VelocityStep) -> float | None:
-        """h at which the first sliding contact stops, by inverse linear interpolation; or None."""
-        assembly = step.assembly
-        if not assembly.frictions:
-            return None
-        before = Assembly(self.graph, self.q).G_F.T @ self.history.v
-        signs = np.array([f.sign for f in assembly.frictions])
-        after = step.slip_speed
-        stopped = (signs != 0) & (signs * after >= -0.01 * self.options.eps)
-        if not stopped.any():
-            return None
-        u0, u1 = before[stopped], after[stopped]
-        settled = np.abs(u1) <= 0.01 * self.options.eps
-        lengths = np.where(settled, step.h, step.h * u0 / np.where(settled, 1.0, u0 - u1))
-        return float(lengths.min())
+    def _slip_to_stick(self, step: VelocityStep) -> tuple[float, list[Friction]]:
+        """h at which the first sliding contact stops, and which do; (inf, []) where none does.
 
-    def _drop_separating(
-        self, assembly: Assembly, v: Vector, lam_N: Vector | None = None
-    ) -> None:
+        Inverse linear interpolation of g_Fᵀq̇; a contact that slips slower than 0.01 ε at h has
+        stopped there.
+        """
+        assembly = step.assembly
+        sliding = [j for j, f in enumerate(assembly.frictions) if f.sign != 0]
+        if not sliding:
+            return np.inf, []
+        before = (Assembly(self.graph, self.q).G_F.T @ self.history.v)[sliding]
+        after = step.slip_speed[sliding]
+        still = 0.01 * self.options.eps
+        lengths = np.full(len(sliding), np.inf)
+        turned = before * after < 0
+        lengths[turned] = step.h * before[turned] / (before - after)[turned]
+        lengths[np.abs(after) <= still] = step.h
+        first = float(lengths.min())
+        if not np.isfinite(first):
+            return np.inf, []
+        at = [assembly.frictions[j] for j, h in zip(sliding, lengths, strict=True) if h <= first]
+        return first, at
+
+    def _drop_separating(self, assembly: Assembly, v: Vector, lam_N: Vector | None = None) -> None:
         """Step 4: contacts with λ = 0 and g_Nᵀq̇ > drop_tol leave J_N."""
         speed = assembly.G_N.T @ v
         for i, normal in enumerate(assembly.normals):
@@ -509,6 +517,11 @@ class Stepper:
                 f"{-speed[i]:.3g} m/s although it is active; the solver's answer was wrong"
             )
 
+    def _scheduled(self) -> list[float]:
+        """Times ahead at which a force jumps or an external impulse acts."""
+        times = [*self._jumps, *(impulse.t for impulse in self._impulses)]
+        return [time for time in times if time > self.t + SHORTEST_STEP]
+
     def _external_impulse(self, t: float) -> Vector:
         F = np.zeros_like(self.q)
         for impulse in self._impulses:
@@ -534,7 +547,11 @@ class Stepper:
             self._still_since = None
         elif self._still_since is None:
             self._still_since = self.t
-        elif self.scene.stop_at_rest and self.t - self._still_since >= REST_TIME:
+        elif (
+            self.scene.stop_at_rest
+            and self.t - self._still_since >= REST_TIME
+            and not self._scheduled()
+        ):
             self.at_rest = True
             self._log("rest", f"still since t = {self._still_since:.4f}")
 
@@ -555,6 +572,6 @@ class Stepper:
             other
         )
 
-    def _contact_name(self, contact) -> str:
+    def _contact_name(self, contact: Contact) -> str:
         names = [self._body_name(int(self.graph.geometry.part_body[p])) for p in contact.pair]
         return f"{names[0]} and {names[1]}"

@@ -109,9 +109,7 @@ class VelocityEquations:
             lam_star = np.zeros(len(assembly.normals))
         elif known == 0:
             f_before = self.forces(q_before, history.v, t - h)
-            lam_star = spring_multipliers(
-                assembly, inverse_mass, q_before, history.v, f_before, h
-            )
+            lam_star = spring_multipliers(assembly, inverse_mass, q_before, history.v, f_before, h)
         else:
             lam_star = predicted_multipliers(assembly, known, h / history.h if history.h else 1.0)
         guess = history.predict(h) if self.velocity_dependent else history.v
@@ -137,8 +135,8 @@ class VelocityEquations:
                 alpha0=alpha0,
                 eps0=eps0,
             )
-            v = h / alpha0 * qp.residual(solution.x) / self.D
             x = np.asarray(solution.x)
+            v = h / alpha0 * qp.residual(x) / self.D
             if rubs:
                 x = minimum_norm(qps, qp, x, layout.coulomb if correct else None)
             lam_N, lam_F = layout.split(x)
@@ -204,4 +202,3 @@ def _kind(number: int, velocity_dependent: bool) -> str:
     if number == 1:
         return "step"
     return "iteration" if velocity_dependent else "corrector"
-

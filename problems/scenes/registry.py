@@ -41,7 +41,7 @@ def _maker(name: str) -> Callable[..., Scene]:
     if target is None:
         raise ValueError(f"unknown scene {name!r}; there are: {', '.join(_targets())}")
     module, _, attribute = target.partition(":")
-    return getattr(importlib.import_module(module), attribute)  # type: ignore[no-any-return]
+    return getattr(importlib.import_module(module), attribute)
 
 
 def describe_scene(name: str) -> tuple[str, dict[str, Any]]:
