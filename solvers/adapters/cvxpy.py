@@ -8,14 +8,13 @@ CVXPY turns the sum of squares into y = A x + d by itself.  The problem is writt
 so its `solve` compiles it each time, which is most of what is timed, and starts cold.  The data are
 scaled and without fixed rows as for all packages (`solvers.adapters.forms`).
 
-Accuracy: the options of the inner solver, `_OPTIONS`, from the residual and the gap that `asked`
-allows; y holds all of d here, whose rounding limits it.
+Accuracy: the options of the inner solver, from the residual and the gap that `asked` allows
+(`inner_options`); y holds all of d here, whose rounding limits it.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -24,28 +23,17 @@ import numpy as np
 
 from problems.qp import Status
 from solvers.adapters.forms import Built, Native, Outcome, PackageSolver, Posed
+from solvers.adapters.inner_options import check_variant, inner_options
 from solvers.base import Form, Start
 
-_OPTIONS: dict[str, Callable[[float, float], dict[str, Any]]] = {
-    "osqp": lambda residual, gap: {"eps_abs": residual, "eps_rel": 0.0, "max_iter": 20_000},
-    "clarabel": lambda residual, gap: {
-        "tol_feas": residual,
-        "tol_gap_abs": max(gap, 1e-13),
-        "tol_gap_rel": 0.0,
-    },
-    "scs": lambda residual, gap: {"eps_abs": residual, "eps_rel": 0.0, "max_iters": 20_000},
-    "piqp": lambda residual, gap: {"eps_abs": residual, "eps_rel": 0.0},
-    "proxqp": lambda residual, gap: {"eps_abs": residual, "eps_rel": 0.0},
-    "daqp": lambda residual, gap: {"primal_tol": residual},
-    "highs": lambda residual, gap: {},
-}
+_VARIANTS = ("osqp", "clarabel", "scs", "piqp", "proxqp", "daqp", "highs")
 
 
 @dataclass(frozen=True)
 class CVXPY(PackageSolver):
     """CVXPY as first written: sum_squares(A @ x + d), solved by its own default, OSQP.
 
-    variant : the inner solver, one of `_OPTIONS`
+    variant : the inner solver, one of `_VARIANTS`
     """
 
     variant: str = "osqp"
@@ -66,10 +54,7 @@ class CVXPY(PackageSolver):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.variant not in _OPTIONS:
-            raise ValueError(
-                f"cvxpy[{self.variant}] is unknown; choose one of {', '.join(_OPTIONS)}"
-            )
+        check_variant(self.name, self.variant, _VARIANTS)
 
     def arrays(self, posed: Posed) -> Any:
         """The problem as written."""
@@ -84,11 +69,7 @@ class CVXPY(PackageSolver):
         posed, (x, written), _, _ = problem
         options: dict[str, Any] = {"solver": self.variant.upper(), "verbose": False}
         if asked is not None:
-            residual, gap = (
-                posed.residual_tolerance(asked, 1e-12),
-                posed.gap_tolerance(asked, 1e-15),
-            )
-            options |= _OPTIONS[self.variant](residual, gap)
+            options |= inner_options(self.variant, posed, asked)
         return Native(posed, written, (x, options))
 
     def run(self, native: Native) -> Any:

@@ -6,14 +6,13 @@ with P = AᵀA, q = Aᵀd.  It sets the inner solver up for each QP.  `solve_pro
 with a status.  The data are scaled and without fixed rows as for all packages
 (`solvers.adapters.forms`).
 
-Accuracy: the options of the inner solver, `_OPTIONS`, from the residual and the gap that `asked`
-allows.  quadprog has none and refuses a singular P.
+Accuracy: the options of the inner solver, from the residual and the gap that `asked` allows
+(`inner_options`).  quadprog has none and refuses a singular P.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -22,40 +21,17 @@ import qpsolvers
 
 from problems.qp import Status
 from solvers.adapters.forms import Built, Native, Outcome, PackageSolver, Posed
+from solvers.adapters.inner_options import check_variant, inner_options
 from solvers.base import Start
 
-_OPTIONS: dict[str, Callable[[float, float], dict[str, Any]]] = {
-    "proxqp": lambda residual, gap: {
-        "eps_abs": residual,
-        "eps_rel": 0.0,
-        "check_duality_gap": True,
-        "eps_duality_gap_abs": max(gap, 1e-14),
-        "eps_duality_gap_rel": 0.0,
-    },
-    "clarabel": lambda residual, gap: {
-        "tol_feas": residual,
-        "tol_gap_abs": max(gap, 1e-13),
-        "tol_gap_rel": 0.0,
-    },
-    "osqp": lambda residual, gap: {"eps_abs": residual, "eps_rel": 0.0, "max_iter": 20_000},
-    "scs": lambda residual, gap: {"eps_abs": residual, "eps_rel": 0.0, "max_iters": 20_000},
-    "piqp": lambda residual, gap: {
-        "eps_abs": residual,
-        "eps_rel": 0.0,
-        "eps_duality_gap_abs": gap,
-        "eps_duality_gap_rel": 0.0,
-    },
-    "daqp": lambda residual, gap: dict.fromkeys(("primal_tol", "dual_tol", "eta_prox"), residual),
-    "highs": lambda residual, gap: {},
-    "quadprog": lambda residual, gap: {},
-}
+_VARIANTS = ("proxqp", "clarabel", "osqp", "scs", "piqp", "daqp", "highs", "quadprog")
 
 
 @dataclass(frozen=True)
 class QPSolvers(PackageSolver):
     """qpsolvers as first written: solve_qp(P, q, lb, ub), by the ProxQP of its own example.
 
-    variant : the inner solver, one of `_OPTIONS`
+    variant : the inner solver, one of `_VARIANTS`
     """
 
     variant: str = "proxqp"
@@ -68,9 +44,7 @@ class QPSolvers(PackageSolver):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.variant not in _OPTIONS:
-            known = ", ".join(_OPTIONS)
-            raise ValueError(f"qpsolvers[{self.variant}] is unknown; choose one of {known}")
+        check_variant(self.name, self.variant, _VARIANTS)
 
     def arrays(self, posed: Posed) -> Any:
         """P, q and the bounds as a `qpsolvers.Problem`."""
@@ -81,11 +55,7 @@ class QPSolvers(PackageSolver):
         posed = problem.posed
         options: dict[str, Any] = {"solver": self.variant, "initvals": posed.start}
         if asked is not None:
-            residual, gap = (
-                posed.residual_tolerance(asked, 1e-12),
-                posed.gap_tolerance(asked, 1e-15),
-            )
-            options |= _OPTIONS[self.variant](residual, gap)
+            options |= inner_options(self.variant, posed, asked)
         return Native(posed, options, problem.arrays)
 
     def run(self, native: Native) -> Any:
