@@ -18,6 +18,9 @@ from reports.findings import Answer, join
 from reports.results import METHOD, Results, is_method, solver_order
 from reports.table import Table, microseconds, percent, short, times, whole
 
+SLOW = 100.0
+"""Operations per µs below which the time of a solve cannot be that of its arithmetic."""
+
 
 def thresholds(results: Results) -> dict[str, float]:
     """√(2 C_QR/C_IT) of every recorded scene that has a factorization at all."""
@@ -191,9 +194,15 @@ def alternatives_table(results: Results, scenes: list[str]) -> Table:
 
 
 def _variant_notes(data: pd.DataFrame) -> list[str]:
-    """Variants that do with fewer operations or less time than the criterion."""
-    variants = data[[is_method(name) and name != METHOD for name in data["solver"]]]
+    """How fast the arithmetic is, and variants that need less of it, or less time."""
     notes = []
+    own = data[data["solver"] == METHOD]
+    if len(own) and own["flops per µs"].max() < SLOW:
+        notes.append(
+            f"{METHOD} does {_span(own['flops per µs'])} operations per µs, far from what a "
+            "processor can do: its time here is mostly that of the program around the arithmetic."
+        )
+    variants = data[[is_method(name) and name != METHOD for name in data["solver"]]]
     for row in variants.to_dict("records"):
         where = f"On {row['scene']} {row['solver']} needs"
         if row["flops ratio"] < 1 and row["time ratio"] < 1:
@@ -221,7 +230,7 @@ def criterion_answer(results: Results) -> Answer | None:
     if len(limits):
         said.append(
             f"By the paper's criterion, when a solve takes more than {_span(limits)} conjugate "
-            f"gradient iterations: √(2\u00a0C_QR/C_IT), counted on {join(list(model['scene']))}."
+            f"gradient iterations: √(2 C_QR/C_IT), counted on {join(list(model['scene']))}."
         )
     often = f"one in {short(total / made)}" if made else "none"
     said.append(

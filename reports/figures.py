@@ -222,16 +222,16 @@ def _panels(
         return save(figure, path)
 
 
-def _decades(axes: Axes) -> None:
-    """A few powers of ten on a logarithmic axis, 1 among them, none at the very edge."""
+def _decades(axes: Axes, edge: float = 0.06) -> None:
+    """A few powers of ten on a logarithmic axis, 1 among them, none within `edge` of its ends."""
     from matplotlib.ticker import FixedLocator, NullLocator
 
     low, high = np.log10(axes.get_xlim())
     every = max(1, int(np.ceil((high - low) / 4)))
     first = every * int(np.ceil(low / every))
-    edge = 0.06 * (high - low)
-    powers = [p for p in range(first, int(np.floor(high)) + 1, every) if low + edge <= p]
-    axes.xaxis.set_major_locator(FixedLocator([10.0**p for p in powers if p <= high - edge]))
+    margin = edge * (high - low)
+    powers = [p for p in range(first, int(high) + 1, every) if low + margin <= p <= high - margin]
+    axes.xaxis.set_major_locator(FixedLocator([10.0**p for p in powers]))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.tick_params(axis="x", labelsize=7)
 
@@ -269,9 +269,9 @@ def plot_profiles(results: Results, setting: str, path: str | Path) -> Path:
     height = max(2.9, 0.35 + 0.17 * len(solvers))
     with drawing() as Figure:
         figure = Figure(figsize=(PAGE_WIDTH, height))
-        width = (PAGE_WIDTH - 0.5 - 1.85 - 0.2 * (len(tables) - 1)) / len(tables)
+        width = (PAGE_WIDTH - 0.5 - 1.85 - 0.3 * (len(tables) - 1)) / len(tables)
         for place, (arm, table) in enumerate(tables.items()):
-            left = 0.5 + place * (width + 0.2)
+            left = 0.5 + place * (width + 0.3)
             axes = figure.add_axes(
                 (left / PAGE_WIDTH, 0.42 / height, width / PAGE_WIDTH, 1 - 0.95 / height)
             )
@@ -281,7 +281,7 @@ def plot_profiles(results: Results, setting: str, path: str | Path) -> Path:
             axes.set_xlim(1, taus[-1])
             axes.set_ylim(0, 1.02)
             axes.grid()
-            _decades(axes)
+            _decades(axes, edge=0.0)
             axes.set_title(f"{arm} ({len(table):,} QPs)", size=8.5)
             axes.set_xlabel("τ, times the fastest")
             if place:

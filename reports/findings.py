@@ -15,7 +15,7 @@ import pandas as pd
 from reports.comparison import compare, pool, summarise
 from reports.results import ARMS, METHOD, Results, solver_order
 from reports.table import microseconds, percent, scientific, short
-from reports.tables import warm_pairs, warm_row
+from reports.tables import SLOWER, warm_pairs, warm_row
 
 
 @dataclass(frozen=True)
@@ -199,7 +199,7 @@ def warm_start_worth(results: Results) -> Answer | None:
     leader = ratios.index[0]
     if leader != METHOD:
         said.append(f"{leader} gains most: {short(ratios.iloc[0])} of its cold time.")
-    slower = [f"{name} ({short(ratio)})" for name, ratio in ratios.items() if ratio > 1]
+    slower = [f"{name} ({short(ratio)})" for name, ratio in ratios.items() if ratio > SLOWER]
     if slower:
         said.append(f"A warm start costs more than it saves for {join(slower)}.")
     without = [name for name in results.solvers if name not in set(pairs["solver"])]

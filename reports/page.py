@@ -34,6 +34,7 @@ from reports.tables import (
     cost_table,
     losses,
     scene_table,
+    slow_starts,
     verified_table,
     warm_table,
 )
@@ -97,7 +98,7 @@ class _Writer:
         context = self.context()
         for entry in _figures_in(context):
             entry["svg"] = Markup(entry["svg"])
-        environment.filters["nbsp"] = keep_units
+        environment.filters["prose"] = prose
         style = environment.get_template("page.css").render()
         return (
             environment.get_template("page.html.j2").render(style=Markup(style), **context) + "\n"
@@ -273,7 +274,7 @@ def lead(results: Results) -> str:
 
 
 def unflattering(results: Results) -> list[str] | None:
-    """Every scene, arm and setting in which the paper's method does not win; None if not run."""
+    """Where the paper's method does not win, or a warm start slows it; None if it was not run."""
     if METHOD not in results.solvers:
         return None
     said = []
@@ -281,12 +282,18 @@ def unflattering(results: Results) -> list[str] | None:
         for scene in results.scenes:
             for arm in ARMS:
                 said += losses(compare(results.rows, scene, setting, arm))
+        said += slow_starts(results, setting)
     return said
 
 
-def keep_units(text: str) -> str:
-    """A number and its unit are not parted at the end of a line."""
-    return re.sub(r"(?<=\d) (?=(%|µs|s|Hz)\b|%)", "\u00a0", text)
+def prose(text: str) -> Any:
+    """A sentence as HTML: numbers keep their units beside them, C_QR and C_IT get an index."""
+    from markupsafe import Markup, escape
+
+    text = str(escape(text))
+    text = re.sub(r"(?<=\d) (?=%|µs\b|s\b)", "\u00a0", text)
+    text = text.replace("√(2 C", "√(2\u00a0C")
+    return Markup(re.sub(r"\bC_(QR|IT|0)\b", r"C<sub>\1</sub>", text))
 
 
 def slug(name: str) -> str:

@@ -17,7 +17,7 @@ from reports.figures import plot_accuracy, plot_cost, plot_profiles, plot_work
 from reports.findings import how_accurate, join, ordinal, warm_start_worth, which_method
 from reports.frames import animate_scene, plot_scene, window_of
 from reports.motion import frame_times, motion_of
-from reports.page import report, write_report
+from reports.page import prose, report, unflattering, write_report
 from reports.profiles import profile, ratios
 from reports.protocol import record_command, reproduce
 from reports.results import Results, empty_rows, load_results, prepare
@@ -334,6 +334,8 @@ def test_a_warm_start_that_costs_is_called_so():
     rows = make_rows(runtime=lambda *key: 3e-6 if key[3] == "warm" else 2e-6)
     notes = warm_table(results_of(rows), "paper").notes
     assert notes[0].startswith("On fig2 a warm start makes lotstedt slower: 1.50×")
+    said = "On fig2 (paper) a warm start makes lotstedt slower: 1.50× its cold time."
+    assert said in unflattering(results_of(rows))
 
 
 def test_scene_table_from_recording_and_from_rows_agree_on_qps(study):
@@ -628,6 +630,10 @@ def test_page_of_a_partial_study(tmp_path, part):
     page = report(results_of(make_rows(**part)), tmp_path).read_text(encoding="utf-8")
     assert "nan" not in re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL).lower()
     assert 'id="reproduce"' in page
+
+
+def test_prose_is_escaped_and_set():
+    assert prose("3 µs < 1 s & C_QR") == "3\u00a0µs &lt; 1\u00a0s &amp; C<sub>QR</sub>"
 
 
 def test_commands_to_reproduce(study):
