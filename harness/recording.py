@@ -195,7 +195,7 @@ def _read_header(file: h5py.File, wrong: Wrong) -> dict[str, Any]:
     if file.attrs.get("format") != FORMAT:
         raise wrong("format", f"is {file.attrs.get('format')!r}, not {FORMAT!r}: a foreign file")
     if file.attrs.get("version") != VERSION:
-        raise wrong("version", f"is {file.attrs.get('version')!r}; this glambda reads {VERSION}")
+        raise wrong("version", f"is {file.attrs.get('version')}; this glambda reads {VERSION}")
     header: dict[str, Any] = {"format": FORMAT, "version": VERSION}
     for key, kind in {"scene": str, "parameters": str, "eps": float, "gravity": float}.items():
         if key not in file.attrs:

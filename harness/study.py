@@ -24,7 +24,7 @@ from harness.recording import Recording, RecordingError, read_recording, write_r
 from harness.replay import ARMS, replay
 from harness.store import Store
 from problems import scene as make_scene
-from solvers import available_solvers
+from solvers import available_solvers, describe
 
 PAPER_SCENES = ("fig2", "fig3", "fig4", "fig5")
 VARIANTS = ("lotstedt[exact_qr]", "lotstedt[no_working_set]", "lotstedt[plain_cg]")
@@ -38,6 +38,7 @@ class Plan:
     scenes : labels, such as "fig4" or "fig4,mu_I=0.8"
     until : end of the motions [s]; None: each scene's own
     solvers : names; empty: every backend that is installed, and the variants of the paper's method
+    only_installed : leave out those of `solvers` whose package is absent
     """
 
     scenes: tuple[str, ...] = PAPER_SCENES
@@ -48,10 +49,15 @@ class Plan:
     repeats: int = 3
     time_limit: float = 1.0
     slow_pass: float = 5.0
+    only_installed: bool = False
 
     def named_solvers(self) -> tuple[str, ...]:
         """The solvers, written out."""
-        return self.solvers or (*available_solvers(), *VARIANTS)
+        if not self.solvers:
+            return (*available_solvers(), *VARIANTS)
+        if not self.only_installed:
+            return self.solvers
+        return tuple(name for name in self.solvers if describe(name).available)
 
     @property
     def identity(self) -> str:
@@ -67,6 +73,7 @@ QUICK = Plan(
     ),
     settings=("high",),
     repeats=1,
+    only_installed=True,
 )
 """About a minute on two cores."""
 

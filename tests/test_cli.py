@@ -1,0 +1,326 @@
+"""The command line: what it prints, what it writes, and its exit codes."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from harness import study
+from harness.cli import app
+from harness.expected_misses import Expected
+from harness.recording import read_recording, write_recording
+from harness.store import read_results
+from tests.fake_recordings import fake_recording
+
+ROOT = Path(__file__).parents[1]
+FAST = "lotstedt,scipy_bvls"
+runner = CliRunner()
+
+
+def glambda(*arguments: object) -> Any:
+    return runner.invoke(app, [str(a) for a in arguments])
+
+
+@pytest.fixture(scope="module")
+def fig3(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short recording of a real scene."""
+    folder = tmp_path_factory.mktemp("recorded")
+    result = glambda("record", "fig3", "--until", 1, "-o", folder)
+    assert result.exit_code == 0, result.output
+    return folder / "fig3.h5"
+
+
+def assert_told(result: Any, *words: str) -> None:
+    """Exit code 2, nothing on stdout, and one line on stderr that has the words."""
+    assert result.exit_code == 2, result.output
+    assert result.stdout == ""
+    lines = result.stderr.strip().splitlines()
+    assert len(lines) == 1, result.stderr
+    for word in words:
+        assert word in lines[0]
+
+
+def test_help_is_there_at_once() -> None:
+    command = [sys.executable, "-c", "from harness.cli import main; main()", "--help"]
+    times = []
+    for _ in range(3):
+        start = time.perf_counter()
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+        times.append(time.perf_counter() - start)
+    assert "simulate" in done.stdout and "study" in done.stdout
+    assert min(times) < 0.5
+
+
+@pytest.mark.parametrize(
+    "command", ["simulate", "record", "replay", "verify", "report", "study", "info", "scenes"]
+)
+def test_every_command_explains_itself(command: str) -> None:
+    result = glambda(command, "--help")
+    assert result.exit_code == 0 and "Usage" in result.stdout
+
+
+def test_scenes_and_solvers() -> None:
+    listed = glambda("scenes").stdout
+    assert all(name in listed for name in study.PAPER_SCENES) and "mu_I=" in listed
+    listed = glambda("solvers").stdout
+    assert "lotstedt*" in listed and "working set" in listed
+
+
+def test_absent_solvers_are_listed_with_their_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    from solvers import registry
+
+    monkeypatch.setattr(
+        registry, "_targets", lambda: {"lotstedt": registry.BUILT_IN["lotstedt"], "gone": "no_a:B"}
+    )
+    assert "absent: gone (No module named 'no_a')" in glambda("solvers").stdout
+
+
+def test_record_twice_gives_the_same_bytes(fig3: Path, tmp_path: Path) -> None:
+    assert glambda("record", "fig3", "--until", 1, "-o", tmp_path).exit_code == 0
+    assert (tmp_path / "fig3.h5").read_bytes() == fig3.read_bytes()
+    made = read_recording(fig3)
+    assert made.parameters["run.until"] == 1.0 and made.parameters["stiffness"] == 6.0
+    assert all(reference is not None for reference in made.references)
+    assert made.counts["qps"] == len(made.qps)
+
+
+def test_info(fig3: Path) -> None:
+    result = glambda("info", fig3)
+    assert result.exit_code == 0
+    for word in ("fig3", read_recording(fig3).digest, "references", "√(2 C_QR/C_IT)"):
+        assert word in result.stdout
+
+
+def test_simulate_writes_its_files(tmp_path: Path) -> None:
+    out = tmp_path / "deep" / "motion.csv"
+    result = glambda("simulate", "fig3", "--until", 0.8, "--trajectory", out, "--solver", "daqp")
+    assert result.exit_code == 0, result.output
+    motion, events = pd.read_csv(out), pd.read_csv(out.with_suffix(".events.csv"))
+    assert list(motion) == ["t", "body", "x", "y", "phi", "vx", "vy", "omega"]
+    assert set(motion["body"]) == {1} and motion["t"].max() == pytest.approx(0.8)
+    assert list(events) == ["t", "kind", "detail"] and "impulse" in set(events["kind"])
+
+
+def test_simulate_draws(tmp_path: Path) -> None:
+    picture = tmp_path / "fig3.png"
+    result = glambda("simulate", "fig3", "--until", 0.3, "--plot", picture)
+    assert result.exit_code == 0, result.output
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_simulate_takes_parameters_and_a_fixed_step() -> None:
+    result = glambda(*("simulate", "fig3", "--set", "mu=0.1", "--until", 0.1, "--fixed-step", 0.01))
+    assert result.exit_code == 0 and "fig3,mu=0.1: t = 0.1 s" in result.stdout
+
+
+def test_replay_stores_and_continues(fig3: Path, tmp_path: Path) -> None:
+    command = ("replay", fig3, "--solvers", FAST, "--settings", "high", "-o", tmp_path)
+    first = glambda(*command, "--repeats", 1)
+    assert first.exit_code == 0, first.output
+    rows = read_results(tmp_path)
+    assert set(rows["solver"]) == set(FAST.split(","))
+    assert (rows["verdict"] == "verified").all()
+    assert (tmp_path / "recordings" / "fig3.h5").exists()
+    shards = {p: p.stat().st_mtime_ns for p in (tmp_path / "solves").iterdir()}
+    assert glambda(*command, "--repeats", 1).exit_code == 0
+    assert shards == {p: p.stat().st_mtime_ns for p in (tmp_path / "solves").iterdir()}
+    assert "lotstedt" in glambda("info", tmp_path).stdout
+
+
+def test_replay_of_one_row(fig3: Path) -> None:
+    result = glambda(
+        *("replay", fig3, "--solvers", "lotstedt", "--settings", "high", "--arms", "warm"),
+        *("--qp", 4),
+    )
+    assert result.exit_code == 0, result.output
+    assert "fig3/000004" in result.stdout and "verified" in result.stdout
+    assert_told(glambda("replay", fig3, "--solvers", "lotstedt", "--qp", 10_000), "QPs 0 to")
+
+
+def test_replay_refuses_to_mix(fig3: Path, tmp_path: Path) -> None:
+    options = ("--solvers", "scipy_bvls", "--settings", "high", "--repeats", 1, "-o", tmp_path)
+    assert glambda("replay", fig3, *options).exit_code == 0
+    other = tmp_path / "other" / "fig3.h5"
+    write_recording(other, replace(read_recording(fig3), eps=5e-3))
+    assert_told(glambda("replay", other, *options), "recording_digest", "may not be mixed")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("simulate", "fig9"), ("unknown scene 'fig9'", "fig2")),
+        (("simulate", "fig3", "--set", "mass=1"), ("no parameter 'mass'", "stiffness")),
+        (("simulate", "fig3", "--set", "mu"), ("'mu' is no setting", "name=value")),
+        (("simulate", "fig3", "--solver", "magic"), ("unknown solver 'magic'", "daqp")),
+        (("simulate", "fig3", "--until", "-1"), ("until",)),
+        (("simulate", "fig3", "--plot", "x.doc"), ("--plot x.doc", ".png")),
+        (("record", "fig9"), ("unknown scene 'fig9'",)),
+        (("replay", "absent.h5"), ("absent.h5", "no such file", "glambda record")),
+        (("info", "absent.h5"), ("absent.h5", "no such file")),
+        (("report", "absent"), ("absent",)),
+        (("verify", "absent.h5"), ("absent.h5", "no such file")),
+        (("study", "--scenes", "fig9", "--solvers", "lotstedt"), ("unknown scene 'fig9'",)),
+    ],
+)
+def test_bad_input_is_told_in_one_line(
+    arguments: tuple[str, ...],
+    words: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert_told(glambda(*arguments), *words)
+
+
+def test_bad_recordings_are_told_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "fake.h5"
+    write_recording(path, fake_recording())
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    assert_told(glambda("info", path), "fake.h5", "glambda record")
+    path.write_text("foreign")
+    assert_told(glambda("verify", path, "--solvers", "lotstedt"), "foreign")
+    path.write_bytes(whole)
+    with h5py.File(path, "r+") as raw:
+        raw.attrs["version"] = 2
+    assert_told(glambda("replay", path, "--solvers", "lotstedt"), "version: is 2")
+    path.write_bytes(whole)
+    with h5py.File(path, "r+") as raw:
+        raw["qps/d"][0] = float("nan")
+    assert_told(glambda("info", path), "digest")
+
+
+def test_a_debug_flag_shows_the_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GLAMBDA_DEBUG", "1")
+    assert isinstance(glambda("simulate", "fig9").exception, ValueError)
+
+
+def test_an_absent_solver_is_bad_input(fig3: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from solvers import registry
+
+    monkeypatch.setattr(registry, "_targets", lambda: {"gone": "no_such_module:Solver"})
+    assert_told(glambda("replay", fig3, "--solvers", "gone"), "no_such_module")
+
+
+def test_verify_passes_and_fails(fig3: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    good = glambda("verify", fig3, "--solvers", FAST)
+    assert good.exit_code == 0, good.output
+    assert "0 missed" in good.stdout and "the same Gλ" in good.stdout
+    broken = _broken_lotstedt(monkeypatch)
+    bad = glambda("verify", fig3, "--solvers", "lotstedt")
+    assert bad.exit_code == 1
+    assert "FAILED" in bad.stdout and broken in bad.stdout
+
+
+def _broken_lotstedt(monkeypatch: pytest.MonkeyPatch) -> str:
+    """Shift every answer of the paper's method; its name."""
+    from solvers.active_set.method import Lotstedt
+
+    right = Lotstedt.solve
+
+    def wrong(self: Any, qp: Any, start: Any = None) -> Any:
+        solution = right(self, qp, start)
+        return replace(solution, x=solution.x + 1e-2)
+
+    monkeypatch.setattr(Lotstedt, "solve", wrong)
+    return "lotstedt"
+
+
+def test_expected_misses_may_not_rise(fig3: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import harness.verify as verify
+    from harness.replay import replay as replay_all
+
+    rows = replay_all([fig3], ["lotstedt"], ["paper", "high"], repeats=1)
+    rows = rows.assign(solver="osqp")
+    missed = rows["step"].isin([3, 5]) & (rows["settings"] == "high") & (rows["arm"] == "cold")
+    rows.loc[missed, "verdict"] = "claimed_wrong"
+
+    def holds(count: int) -> list[bool]:
+        expected = {"osqp": Expected({("fig3", "high"): count}, "because")}
+        monkeypatch.setattr(verify, "EXPECTED", expected)
+        return verify.misses(rows).sort_values("settings")["holds"].tolist()
+
+    assert holds(1) == [False, True] and holds(2) == [True, True] and holds(3) == [True, True]
+    # On a scene that the table is not for, only the accurate class is held to anything.
+    assert verify.misses(rows.assign(scene="mine"))["holds"].all()
+    assert not verify.misses(rows.assign(scene="mine", solver="daqp"))["holds"].all()
+
+
+def test_study_end_to_end_and_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(study, "QUICK", replace(study.QUICK, until=0.3, solvers=("lotstedt",)))
+    folder = tmp_path / "out"
+    command = ("study", "--quick", "--scenes", "fig3 fig5,mu_I=0.5", "--results", folder)
+    first = glambda(*command)
+    assert first.exit_code == 0, first.output
+    rows = read_results(folder)
+    assert set(rows["scene"]) == {"fig3", "fig5,mu_I=0.5"}
+    assert (rows["verdict"] == "verified").all()
+    assert (folder / "report" / "index.html").exists()
+    told = json.loads((folder / "study.json").read_text())
+    assert told["arguments"]["until"] == 0.3 and told["machine"]["cpu"]
+    assert set(rows["study"]) == {told["study"]}
+    text = json.dumps(told)
+    import socket
+
+    assert str(ROOT) not in text and str(Path.home()) not in text
+    assert f'"{socket.gethostname()}"' not in text
+    before = {p: p.stat().st_mtime_ns for p in folder.rglob("*.parquet")}
+    assert glambda(*command).exit_code == 0
+    assert before == {p: p.stat().st_mtime_ns for p in folder.rglob("*.parquet")}
+
+
+def test_study_will_not_mix_two_recordings_of_a_scene(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    quick = replace(study.QUICK, scenes=("fig3",), until=0.2, solvers=("lotstedt",))
+    monkeypatch.setattr(study, "QUICK", quick)
+    assert glambda("study", "--quick", "--results", tmp_path).exit_code == 0
+    monkeypatch.setattr(study, "QUICK", replace(quick, until=0.25))
+    assert_told(glambda("study", "--quick", "--results", tmp_path), "another recording")
+
+
+def test_interrupted_study_keeps_what_is_finished(tmp_path: Path) -> None:
+    """Ctrl-C, as a terminal sends it, in the middle of a study."""
+    import signal
+
+    code = (
+        "import sys, dataclasses, harness.study as s\n"
+        "s.QUICK = dataclasses.replace(s.QUICK, scenes=('fig3',), until=3.0, repeats=400)\n"
+        "sys.argv = ['glambda', 'study', '--quick', '--solvers', 'scipy_bvls,lotstedt',\n"
+        f"            '--results', {str(tmp_path)!r}]\n"
+        "from harness.cli import main\nmain()\n"
+    )
+    run = subprocess.Popen(
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+    )
+    try:
+        deadline = time.monotonic() + 120
+        while len(list((tmp_path / "solves").glob("*.parquet"))) < 2:
+            assert run.poll() is None, run.communicate()
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        run.send_signal(signal.SIGINT)
+        _, errors = run.communicate(timeout=60)
+    finally:
+        run.kill()
+    assert run.returncode == 130
+    assert "the same command continues" in errors and "Traceback" not in errors
+    rows = read_results(tmp_path)
+    assert len(rows) and (rows["verdict"] == "verified").all()
+    assert rows["repeats"].min() >= 1

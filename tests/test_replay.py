@@ -1,0 +1,314 @@
+"""Open-loop replay: the protocol of arms and settings, failures as rows, and resuming."""
+
+from __future__ import annotations
+
+import gc
+import sys
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+from harness import replay
+from harness.measure import PATIENCE, run_pass
+from harness.oracle import reference
+from harness.recording import write_recording
+from harness.replay import reproduce
+from harness.store import COLUMNS, StoreError, read_repeats, read_results
+from problems.qp import ContactQP, Solution, Status, working_set_of
+from solvers import registry
+from solvers.base import Answer, Solver, Unsupported
+from tests.fake_recordings import fake_recording
+
+
+@dataclass(frozen=True)
+class Oracle(Solver):
+    """Right always; the base of the crooked ones below."""
+
+    name: ClassVar[str] = "right"
+    warm_start: ClassVar[str] = "x"
+    asked_of: ClassVar[list[float | None]] = []
+    starts: ClassVar[list[tuple[ContactQP, Solution | None]]] = []
+
+    def build(self, qp: ContactQP, start: Any) -> Any:
+        return qp
+
+    def setup(self, problem: Any, asked: float | None, start: Any) -> Any:
+        self.asked_of.append(asked)
+        return problem
+
+    def run(self, native: Any) -> Any:
+        return reference(native).x
+
+    def read(self, qp: ContactQP, native: Any, result: Any) -> Answer:
+        return Answer(result, Status.SOLVED, iterations=3, memory="kept")
+
+    def solve(self, qp: ContactQP, start: Solution | None = None) -> Solution:
+        self.starts.append((qp, start))
+        return super().solve(qp, start)
+
+
+@dataclass(frozen=True)
+class Liar(Oracle):
+    """Claims success with something else."""
+
+    def run(self, native: Any) -> Any:
+        return reference(native).x + 1.0
+
+
+@dataclass(frozen=True)
+class Choosy(Oracle):
+    """Raises Unsupported for impulses, and something of its own at the second QP."""
+
+    warm_start: ClassVar[str] = "none"
+
+    def build(self, qp: ContactQP, start: Any) -> Any:
+        if qp.kind == "impulse":
+            raise Unsupported("no impulses")
+        if qp.t == 0.01:
+            raise RuntimeError("native failure")
+        return qp
+
+
+@dataclass(frozen=True)
+class Slow(Oracle):
+    """Takes 20 ms."""
+
+    def run(self, native: Any) -> Any:
+        time.sleep(0.02)
+        return super().run(native)
+
+
+@dataclass(frozen=True)
+class Silent(Oracle):
+    """Has no answer, or one of NaN."""
+
+    def run(self, native: Any) -> Any:
+        return None if native.t < 0.02 else np.full(native.k, np.nan)
+
+
+CROOKED = {"right": Oracle, "liar": Liar, "choosy": Choosy, "slow": Slow, "silent": Silent}
+
+
+@pytest.fixture(autouse=True)
+def known(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The solvers above, by name, beside the real ones."""
+    import harness.machine
+
+    targets = {name: f"{__name__}:{cls.__name__}" for name, cls in CROOKED.items()}
+    merged = {**registry.BUILT_IN, **targets}
+    monkeypatch.setattr(registry, "_targets", lambda: merged)
+    harness.machine.solver_version.cache_clear()
+    Oracle.asked_of.clear()
+    Oracle.starts.clear()
+
+
+def test_rows_have_the_columns_of_the_store_and_are_judged() -> None:
+    made = fake_recording()
+    rows = replay(made, ["right", "liar"], ["paper"], ["cold"], repeats=2)
+    assert list(rows.columns) == list(COLUMNS)
+    assert len(rows) == 2 * len(made.qps)
+    right, liar = (rows[rows["solver"] == name] for name in ("right", "liar"))
+    assert (right["verdict"] == "verified").all()
+    assert right["glambda_error"].dropna().max() < 1e-12
+    # QP 4 has no reference: judged by the bound.
+    assert np.isnan(right.loc[right["step"] == 4, "glambda_error"]).all()
+    assert (right["error_bound"] >= 0).all()
+    unmoved = liar["k"] == 0
+    assert (liar.loc[~unmoved, "verdict"] == "claimed_wrong").all()
+    assert (right["repeats"] == 2).all() and (right["iterations"] == 3).all()
+    assert (right["runtime"] > 0).all() and (right["call_time"] > right["runtime"]).all()
+    assert (right["runtime_median"] >= right["runtime"]).all()
+
+
+def test_settings_ask_for_their_accuracy() -> None:
+    made = fake_recording()
+    rows = replay(made, ["right"], ["paper", "high", "default"], ["cold"], repeats=1)
+    paper, high, default = (rows[rows["settings"] == s] for s in ("paper", "high", "default"))
+    assert (paper["asked"] == 1e-6).all()
+    np.testing.assert_allclose(high["asked"], 1e-9 * high["scale"])
+    np.testing.assert_allclose(default["asked"], 1e-6 * default["scale"])
+    # What the solver itself was asked, warm-up and pass: its defaults are its own affair.
+    assert {1e-6, None} < set(Oracle.asked_of)
+    asked = {a for a in Oracle.asked_of if a is not None}
+    assert set(high["asked"]) <= asked
+    assert not set(default["asked"]) & asked
+
+
+def test_warm_starts_follow_the_protocol() -> None:
+    made = fake_recording(length=6)
+    run_pass(Oracle(), made.qps, warm=True)
+    given = [start is not None for _, start in Oracle.starts]
+    # First of the sequence, and the restart at QP 3; QPs 6 and on are impulses.
+    assert given == [False, True, True, False, True, True] + [False] * 5
+    assert all(s is None or s.memory == "kept" for _, s in Oracle.starts)
+    for (qp, start), (before, _) in zip(Oracle.starts[1:6], Oracle.starts[:5], strict=True):
+        assert start is None or (start.row_id == before.row_id).all() or qp.restart
+
+
+def test_an_impulse_does_not_break_the_chain() -> None:
+    made = fake_recording(length=6)
+    qps = [made.qps[0], replace(made.qps[1], kind="impulse"), made.qps[2]]
+    run_pass(Oracle(), qps, warm=True)
+    (_, _), (_, second), (_, third) = Oracle.starts
+    assert second is None and third is not None
+    assert (third.row_id == qps[0].row_id).all()
+
+
+def test_cold_arms_get_no_start_and_rows_tell_the_restarts() -> None:
+    rows = replay(fake_recording(length=6), ["right"], repeats=1)
+    cold, warm = (rows[rows["arm"] == arm].set_index("step") for arm in ("cold", "warm"))
+    assert not cold["warm_started"].any()
+    assert warm.index[warm["warm_started"]].tolist() == [1, 2, 4, 5]
+    assert warm.index[warm["after_restart"]].tolist() == [0, 3]
+    assert cold["after_restart"].tolist() == warm["after_restart"].tolist()
+
+
+def test_a_solver_without_warm_start_has_no_warm_arm() -> None:
+    rows = replay(fake_recording(), ["choosy"], repeats=1)
+    assert set(rows["arm"]) == {"cold"}
+
+
+def test_skips_and_exceptions_are_rows() -> None:
+    rows = replay(fake_recording(length=6), ["choosy"], repeats=2).set_index("step")
+    assert (rows.loc[6:, "verdict"] == "skipped").all()
+    assert set(rows.loc[6:, "status_text"]) == {"no impulses"}
+    assert rows.loc[6:, "runtime"].isna().all() and rows.loc[6:, "error_bound"].isna().all()
+    assert rows.loc[1, "verdict"] == "failed"
+    assert rows.loc[1, "status_text"] == "RuntimeError: native failure"
+    assert rows.loc[1, "runtime"] > 0  # the whole call
+    assert (rows.loc[[0, 2, 3, 4, 5], "verdict"] == "verified").all()
+
+
+def test_no_answer_and_nan_are_failures() -> None:
+    rows = replay(fake_recording(), ["silent"], ["paper"], ["cold"], repeats=1)
+    assert (rows.loc[rows["k"] > 0, "verdict"] == "failed").all()
+
+
+def test_late_answers_are_timeouts_and_patience_ends() -> None:
+    made = fake_recording(length=PATIENCE + 4)
+    outcomes, times = run_pass(Slow(), made.qps, warm=False, time_limit=0.001)
+    assert [o.verdict for o in outcomes] == ["timeout"] * len(made.qps)
+    assert np.isfinite(times[:PATIENCE]).all() and np.isnan(times[PATIENCE:]).all()
+    assert outcomes[PATIENCE - 1].x is not None and outcomes[PATIENCE].x is None
+    assert "not tried" in outcomes[PATIENCE].status_text
+
+
+def test_the_warm_up_ends_early() -> None:
+    made = fake_recording(length=6)
+    outcomes, _ = run_pass(Slow(), made.qps, warm=False, budget=0.01)
+    assert len(outcomes) == 1
+
+
+def test_slow_passes_are_not_repeated() -> None:
+    rows = replay(fake_recording(), ["right", "slow"], arms=["cold"], repeats=2, slow_pass=0.15)
+    repeats = rows.groupby("solver")["repeats"].first()
+    assert repeats["right"] == 2 and repeats["slow"] == 1
+
+
+def test_garbage_collection_is_off_in_a_pass_and_on_after(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+    monkeypatch.setattr(Oracle, "run", lambda self, native: seen.append(gc.isenabled()))
+    run_pass(Oracle(), fake_recording().qps, warm=False)
+    assert not any(seen) and gc.isenabled()
+
+
+def test_passes_go_round_the_solvers(monkeypatch: pytest.MonkeyPatch) -> None:
+    order: list[str] = []
+    plain = run_pass
+
+    def spy(solver: Solver, qps: Any, *, warm: bool, budget: float = np.inf, **rest: Any) -> Any:
+        order.append(type(solver).__name__ + ("" if np.isinf(budget) else " warms up"))
+        return plain(solver, qps, warm=warm, budget=budget, **rest)
+
+    monkeypatch.setattr(sys.modules["harness.replay"], "run_pass", spy)
+    replay(fake_recording(), ["right", "liar"], ["paper"], ["cold"], repeats=2)
+    assert order == ["Oracle warms up", "Oracle", "Liar warms up", "Liar", "Oracle", "Liar"]
+
+
+def test_repeats_are_all_kept(tmp_path: Path) -> None:
+    made = fake_recording()
+    replay(made, ["right"], ["paper"], ["cold"], results=tmp_path, repeats=3)
+    repeats = read_repeats(tmp_path)
+    assert len(repeats) == 3 * len(made.qps)
+    assert sorted(repeats["repeat"].unique()) == [0, 1, 2]
+    rows = read_results(tmp_path).set_index("problem")
+    total = repeats.assign(total=repeats["setup_time"] + repeats["solve_time"])
+    least = total.groupby("problem")["total"].min()
+    np.testing.assert_allclose(rows["runtime"], least[rows.index])
+
+
+def test_a_finished_study_is_not_run_again(tmp_path: Path) -> None:
+    made = fake_recording()
+    first = replay(made, ["right"], results=tmp_path, repeats=1)
+    Oracle.starts.clear()
+    again = replay(made, ["right"], results=tmp_path, repeats=1)
+    assert not Oracle.starts
+    assert first.equals(again)
+
+
+def test_an_interrupted_study_continues(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = fake_recording()
+
+    def interrupt(self: Any, native: Any) -> Any:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Liar, "run", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            replay(made, ["right", "liar"], ["paper"], ["cold"], results=tmp_path, repeats=2)
+    assert gc.isenabled()
+    kept = read_results(tmp_path)
+    assert set(kept["solver"]) == {"right"} and (kept["repeats"] == 1).all()
+    before = read_repeats(tmp_path)
+    rows = replay(made, ["right", "liar"], ["paper"], ["cold"], results=tmp_path, repeats=2)
+    assert set(rows["solver"]) == {"right", "liar"} and (rows["repeats"] == 2).all()
+    after = read_repeats(tmp_path)
+    after = after[(after["solver"] == "right") & (after["repeat"] == 0)].reset_index(drop=True)
+    assert after.equals(before)
+
+
+def test_other_qps_refuse_to_mix(tmp_path: Path) -> None:
+    made = fake_recording()
+    replay(made, ["right"], results=tmp_path, repeats=1)
+    with pytest.raises(StoreError, match="recording_digest"):
+        replay(replace(made, eps=5e-3), ["right"], results=tmp_path, repeats=1)
+
+
+def test_recordings_may_be_paths(tmp_path: Path) -> None:
+    write_recording(tmp_path / "fake.h5", fake_recording())
+    rows = replay(tmp_path / "fake.h5", ["right"], arms=["cold"], repeats=1)
+    assert (rows["scene"] == "fake").all()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"settings": ["loose"]}, "setting 'loose' is unknown"),
+        ({"arms": ["tepid"]}, "arm 'tepid' is unknown"),
+        ({"repeats": 0}, "at least one pass"),
+        ({"solvers": ["nobody"]}, "unknown solver 'nobody'"),
+    ],
+)
+def test_wrong_arguments(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        replay(fake_recording(), **{"solvers": ["right"], **options})
+
+
+def test_reproduce_gives_the_row_again() -> None:
+    made = fake_recording()
+    rows = replay(made, ["liar"], ["high"], ["warm"], repeats=1).set_index("step")
+    row = reproduce(made, "liar", "high", "warm", 5)
+    for name in ("problem", "verdict", "glambda_error", "error_bound", "asked", "warm_started"):
+        assert row[name] == rows.loc[5, name]
+    with pytest.raises(ValueError, match="has the QPs 0 to"):
+        reproduce(made, "liar", "high", "warm", 99)
+
+
+def test_memory_is_not_kept_in_outcomes() -> None:
+    outcomes, _ = run_pass(Oracle(), fake_recording().qps, warm=False)
+    assert not any(hasattr(outcome, "memory") for outcome in outcomes)
+    assert working_set_of(fake_recording().qps[0], outcomes[0].x).size
