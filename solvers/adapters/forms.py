@@ -254,7 +254,9 @@ class PackageSolver(Solver, abc.ABC):
         status = self.statuses.get(says.status, Status.FAILED)
         x = None if says.x is None else native.posed.restore(np.asarray(says.x, float))
         if x is not None and not np.isfinite(x).all():
-            x, status = None, Status.FAILED
+            x = None
+        if x is None and status is Status.SOLVED:
+            status = Status.FAILED
         text = str(getattr(says.status, "name", says.status))
         return Answer(x, status, says.iterations, text, memory=Carried(native, says.duals))
 

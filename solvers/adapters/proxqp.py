@@ -7,7 +7,8 @@ more natural, but a warm start with their multipliers is refused: it checks them
 Accuracy: `eps_abs` is the residual and `eps_duality_gap_abs` the gap that `asked` allows, not below
 1e-14; the relative ones are 0.  Without the gap ProxQP may stop with a wrong complementarity (4e-6
 off at 1e-9 asked).  In a sequence the workspace is updated in place and x and z start from the
-previous ones.
+previous ones.  Its last bits depend on where its memory blocks lie: two solves of the same QP may
+differ by rounding.
 """
 
 from __future__ import annotations
