@@ -22,7 +22,7 @@ from typing import Any
 
 from reports.comparison import compare
 from reports.criterion import criterion_answer, criterion_tables, thresholds
-from reports.figures import plot_accuracy, plot_cost, plot_profiles, plot_work
+from reports.figures import plot_accuracy, plot_cost, plot_profiles
 from reports.findings import Answer, how_accurate, join, warm_start_worth, which_method
 from reports.frames import plot_scene
 from reports.protocol import protocol, recordings_table, reproduce, versions_table
@@ -38,6 +38,10 @@ from reports.tables import (
     verified_table,
     warm_table,
 )
+from reports.work import plot_work, work_rows
+
+LONG = 60
+"""Characters from which the text of a cell may be broken into lines."""
 
 
 def write_report(results_dir: str | Path, out_dir: str | Path) -> Path:
@@ -145,7 +149,7 @@ class _Writer:
                 f"{scene}: the bodies at {_times(recording)}; the time stands under each frame.",
                 lambda path: plot_scene(recording, path),
             )
-        if _has_work(results, scene):
+        if len(work_rows(results, scene)):
             threshold = thresholds(results).get(scene)
             entry["work"] = self.figure(
                 f"work_{scene}",
@@ -247,6 +251,8 @@ def table_context(table: Table) -> dict[str, Any]:
 
 def _classes(table: Table, column: dict[str, Any], index: int, text: str) -> str:
     names = ["n"] if column["numeric"] else []
+    if len(text) > LONG:
+        names.append("long")
     value = table.data[column["name"]].iloc[index]
     share = "verified" in column["name"] or table.name.startswith("verified")
     if share and column["numeric"] and value < 1:
@@ -303,19 +309,6 @@ def slug(name: str) -> str:
 
 def _times(recording: Any) -> str:
     return f"chosen times from {float(recording.t[0]):.2f} s to {float(recording.t[-1]):.2f} s"
-
-
-def _has_work(results: Results, scene: str) -> bool:
-    rows = results.rows
-    return bool(
-        (
-            (rows["scene"] == scene)
-            & (rows["solver"] == METHOD)
-            & (rows["settings"] == results.headline)
-            & (rows["arm"] == "warm")
-            & ~rows["skipped"]
-        ).any()
-    )
 
 
 def _with_solves(results: Results) -> list[str]:

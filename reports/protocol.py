@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import pandas as pd
 
 from reports.comparison import SHIFT, SKIP_LIMIT, TIME_LIMIT
@@ -102,7 +105,10 @@ def recordings_table(results: Results) -> Table:
 
 def reproduce(results: Results) -> str:
     """Commands that repeat this study."""
-    lines = [record_command(scene) for scene in results.scenes]
+    lines = []
+    for scene in results.scenes:
+        recording = results.recordings.get(scene)
+        lines.append(record_command(scene, {} if recording is None else recording.parameters))
     if len(results.rows):
         lines.append(
             f"glambda replay recordings/*.h5 --solvers '{','.join(results.solvers)}' \\\n"
@@ -120,8 +126,14 @@ def reproduce(results: Results) -> str:
     return "\n".join(lines)
 
 
-def record_command(label: str) -> str:
-    """The command that records a scene, from its label such as "fig4,mu_I=0.8"."""
+def record_command(label: str, parameters: Mapping[str, Any]) -> str:
+    """The command that records a scene, from its label such as "fig4,mu_I=0.8".
+
+    parameters : of the recording; they tell whether it ended before the scene's own end
+    """
     name, *chosen = label.split(",")
     options = "".join(f" --set {entry}" for entry in chosen)
+    until = parameters.get("run.until")
+    if until is not None and until != parameters.get("end_time"):
+        options += f" --until {until:g}"
     return f"glambda record {name}{options} -o recordings"

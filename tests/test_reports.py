@@ -13,7 +13,7 @@ from harness.recording import Event, Recording
 from problems.qp import FREE, ContactQP, Solution, Status
 from reports.comparison import TIME_LIMIT, compare, shifted_geometric_mean
 from reports.criterion import criterion_answer, criterion_tables, thresholds
-from reports.figures import plot_accuracy, plot_cost, plot_profiles, plot_work
+from reports.figures import plot_accuracy, plot_cost, plot_profiles
 from reports.findings import how_accurate, join, ordinal, warm_start_worth, which_method
 from reports.frames import animate_scene, plot_scene, window_of
 from reports.motion import frame_times, motion_of
@@ -30,6 +30,7 @@ from reports.tables import (
     verified_table,
     warm_table,
 )
+from reports.work import plot_work
 
 SCENES = ("fig2", "fig4")
 
@@ -637,7 +638,10 @@ def test_prose_is_escaped_and_set():
 
 
 def test_commands_to_reproduce(study):
-    assert record_command("fig4,mu_I=0.8") == "glambda record fig4 --set mu_I=0.8 -o recordings"
+    command = "glambda record fig4 --set mu_I=0.8"
+    assert record_command("fig4,mu_I=0.8", {}) == f"{command} -o recordings"
+    cut = {"run.until": 1.0, "end_time": 15.0}
+    assert record_command("fig4,mu_I=0.8", cut) == f"{command} --until 1 -o recordings"
     text = reproduce(study)
     assert "--settings paper,high --arms cold,warm" in text
     assert "--qp 0" in text
