@@ -264,7 +264,7 @@ def plot_profiles(results: Results, setting: str, path: str | Path) -> Path:
         float(table.to_numpy()[np.isfinite(table.to_numpy())].max(initial=2.0))
         for table in tables.values()
     )
-    taus = np.geomspace(1, 10 ** np.ceil(np.log10(worst)), 200)
+    taus = np.geomspace(1, 1.2 * worst, 200)
     height = max(2.9, 0.35 + 0.17 * len(solvers))
     with drawing() as Figure:
         figure = Figure(figsize=(PAGE_WIDTH, height))

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def work_rows(results: Results, scene: str) -> pd.DataFrame:
-    """Warm solves of the paper's method on one scene at the study's first setting, in order."""
+    """Warm solves of the paper's method on one scene at the study's first setting, by time."""
     rows = results.rows
     chosen = (
         (rows["scene"] == scene)
@@ -30,7 +30,8 @@ def work_rows(results: Results, scene: str) -> pd.DataFrame:
         & (rows["arm"] == "warm")
         & ~rows["skipped"]
     )
-    return rows[chosen].sort_values("step")
+    # A rejected step ends later than the one that replaces it.
+    return rows[chosen].sort_values(["t", "step"])
 
 
 def plot_work(

@@ -460,7 +460,7 @@ def test_bad_results_are_refused():
     with pytest.raises(ValueError, match="lack the columns verdict"):
         prepare(rows.drop(columns="verdict"))
     with pytest.raises(ValueError, match="stored twice"):
-        prepare(pd.concat([rows, rows.iloc[:1]]))
+        prepare(pd.concat([rows, rows.iloc[:1].assign(runtime=2e-6)]))
     mixed = rows.copy()
     mixed.loc[mixed["solver"] == "daqp", "recording_digest"] = "another"
     with pytest.raises(ValueError, match="fig2 holds solves of 2 different recordings"):
