@@ -225,9 +225,14 @@ def tower_columns(boxes: int, friction: bool, rng: np.random.Generator) -> Vecto
     return np.column_stack(columns)
 
 
-def _contact(rng: np.random.Generator, size: float, friction: bool, redundant: bool) -> Case:
-    """A tower whose force is about `size` and whose momentum over h is up to 1e3 times larger."""
-    boxes = int(rng.integers(2, 5))
+def _contact(
+    rng: np.random.Generator, size: float, friction: bool, redundant: bool, boxes: int = 0
+) -> Case:
+    """A tower whose force is about `size` and whose momentum over h is up to 1e3 times larger.
+
+    boxes : 2 to 4 at random where 0
+    """
+    boxes = boxes or int(rng.integers(2, 5))
     A = tower_columns(boxes, friction, rng)
     if redundant:
         middle = 0.5 * (A[:, [0]] + A[:, [1]])
@@ -260,12 +265,17 @@ def contact_redundant(rng: np.random.Generator) -> Case:
     return _contact(rng, 1e2, friction=False, redundant=True)
 
 
+def tower(rng: np.random.Generator) -> Case:
+    """Tower of 12 boxes with friction: 35 rows, condition of A about 50."""
+    return _contact(rng, 1e2, friction=True, redundant=False, boxes=12)
+
+
 KINDS: dict[str, Callable[[np.random.Generator], Case]] = {
     make.__name__: make
     for make in (
         full_rank, rank_deficient, degenerate, bilateral, upper_only, two_sided, fixed_rows,
         all_fixed, empty, wide, wide_at_rest, zero_column, badly_scaled, sparse_columns,
-        contact_small, contact_large, contact_redundant,
+        contact_small, contact_large, contact_redundant, tower,
     )
 }  # fmt: skip
 

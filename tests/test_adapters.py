@@ -23,6 +23,8 @@ TOLERANCE = {True: 1e-9, False: 1e-8}
 """Error allowed at 1e-9 asked: of the accurate class, and of the others (ten times as asked)."""
 
 SEEDS = range(12)
+MORE_SEEDS = range(40)
+"""Of the accurate class, where one miss counts."""
 
 _ROOT = "an interior-point method meets a degenerate row (x = 0 and Δ = 0) only as √gap"
 _SLOW = "Gauss-Seidel on dependent columns needs more than its 2,000 sweeps"
@@ -30,7 +32,8 @@ EXPECTED_MISSES: dict[tuple[str, str], tuple[float, str]] = {
     **{
         (name, kind): (3e-7, _ROOT)
         for name in ("clarabel", "piqp")
-        for kind in ("degenerate", "contact_small", "contact_large", "contact_redundant")
+        for kind in KINDS
+        if kind == "degenerate" or kind == "tower" or kind.startswith("contact")
     },
     ("pgs", "rank_deficient"): (1e-3, _SLOW),
 }
@@ -41,7 +44,10 @@ NOT_BITWISE = {
     "qpsolvers": "its default is ProxQP",
 }
 
-UNSUPPORTED = {("enumeration", "sparse_columns"): "24 rows have 2^24 working sets"}
+UNSUPPORTED = {
+    ("enumeration", "sparse_columns"): "24 rows have 2^24 working sets",
+    ("enumeration", "tower"): "35 rows have 2^24 3^11 working sets",
+}
 
 VARIANTS = [
     *(f"cvxpy[{name}]" for name in ("osqp", "clarabel", "scs", "piqp", "proxqp", "daqp", "highs")),
@@ -71,8 +77,8 @@ def tolerance(name: str) -> float:
     return TOLERANCE[name in ACCURATE]
 
 
-def cases(kind: str) -> list[Case]:
-    return [random_qp(kind, seed) for seed in SEEDS]
+def cases(kind: str, seeds: range = SEEDS) -> list[Case]:
+    return [random_qp(kind, seed) for seed in seeds]
 
 
 def test_the_accurate_class_is_known():
@@ -88,7 +94,7 @@ def test_same_force_as_the_known_solution(name: str, kind: str):
     miss = EXPECTED_MISSES.get((name, kind))
     assert name not in ACCURATE or miss is None
     errors = []
-    for qp, Ax_star in cases(kind):
+    for qp, Ax_star in cases(kind, MORE_SEEDS if name in ACCURATE else SEEDS):
         solution = ask(name, qp).solve(qp)
         assert_same_force(qp, solution.x, Ax_star, miss[0] if miss else tolerance(name))
         errors.append(force_error(qp, solution.x, Ax_star))
@@ -227,11 +233,11 @@ def test_two_cold_solves_agree_to_the_last_bit(name: str):
     qp, _ = random_qp("two_sided", 5)
     one, other = ask(name, qp).solve(qp), ask(name, qp).solve(qp)
     assert one.x is not None and other.x is not None
-    assert one.iterations == other.iterations
     if name in NOT_BITWISE:
-        np.testing.assert_allclose(one.x, other.x, rtol=1e-12)
+        assert_same_force(qp, one.x, qp.A @ other.x, tolerance(name))
     else:
         assert one.x.tobytes() == other.x.tobytes()
+        assert one.iterations == other.iterations
 
 
 def test_nothing_is_printed(name: str, capfd: pytest.CaptureFixture[str]):
