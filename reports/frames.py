@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from reports.motion import Array, Motion, frame_times, motion_of
-from reports.style import BODIES, FAINT, INK, PAGE_WIDTH, SOFT, drawing, save
+from reports.style import BODIES, FAINT, INK, PAGE_WIDTH, PAPER, SOFT, drawing, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -182,7 +182,7 @@ def animate_scene(source: Any, path: str | Path, *, fps: int = 25, speed: float 
     height, caption = width * window.height / window.width, 0.3
     path.parent.mkdir(parents=True, exist_ok=True)
     with drawing() as Figure:
-        figure = Figure(figsize=(width, height + caption), facecolor="white")
+        figure = Figure(figsize=(width, height + caption))
         base = caption / (height + caption)
         axes = figure.add_axes((0, base, 1, 1 - base))
         clock = figure.text(0.5, 0.5 * base, "", ha="center", va="center")
@@ -192,7 +192,8 @@ def animate_scene(source: Any, path: str | Path, *, fps: int = 25, speed: float 
                 axes.clear()
                 draw_bodies(axes, motion, pose, window)
                 clock.set_text(f"{time:.2f} s")
-                writer.grab_frame()
+                # Pictures of a GIF lie on top of one another: each needs its own ground.
+                writer.grab_frame(facecolor=PAPER)
     return path
 
 

@@ -566,6 +566,12 @@ def test_animation(tmp_path):
 
     with Image.open(path) as image:
         assert image.n_frames == 6
+        dark = []
+        for frame in range(6):
+            image.seek(frame)
+            dark.append(int((np.asarray(image.convert("L")) < 200).sum()))
+    # What moved on leaves no trace behind.
+    assert max(dark) < 1.2 * min(dark)
     with pytest.raises(ValueError, match=r"is written as \.gif"):
         animate_scene(recording, tmp_path / "a.mp4")
     with pytest.raises(ValueError, match="must be positive"):
