@@ -2,7 +2,8 @@
 
 1. A warm start is the solver's own last solution of the group step, iteration, corrector; it is
    dropped at a restart.  Impulses and minimum-norm QPs start cold, as does every QP of a cold arm.
-2. The garbage collector sleeps during a pass, so that no solver pays for another's litter.
+2. The garbage collector runs before a pass and sleeps during it, so that no solver pays for
+   another's litter.
 3. The solver's own clocks tell build, setup and solve; ours, around the whole call, `call_time`.
 4. A backend that raises loses that QP, not the pass.  One that has overstepped the time limit
    `PATIENCE` times in a row is not tried on the rest.

@@ -14,8 +14,10 @@ A folder that holds some of it already is continued where it stopped (`harness.s
 
 from __future__ import annotations
 
+import gc
 import tempfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -131,12 +133,13 @@ def replay(
         if recording.digest not in facts:
             facts[recording.digest] = [facts_of(qp) for qp in recording.qps]
         block = _Block(recording, setting, facts[recording.digest], time_limit, study)
-        for turn in range(repeats):
-            for run in runs:
-                before = counter.done
-                if run.passes <= turn and not run.is_done(repeats, slow_pass):
-                    store.save(block.do_pass(run, partial(counter.add, run.key.name)))
-                counter.add(run.key.name, before + len(recording.qps) - counter.done)
+        with _prepared_is_no_litter():
+            for turn in range(repeats):
+                for run in runs:
+                    before = counter.done
+                    if run.passes <= turn and not run.is_done(repeats, slow_pass):
+                        store.save(block.do_pass(run, partial(counter.add, run.key.name)))
+                    counter.add(run.key.name, before + len(recording.qps) - counter.done)
     return read_results(results)
 
 
@@ -168,6 +171,17 @@ def reproduce(
         "call_time": call,
         "x": outcomes[index].x,
     }
+
+
+@contextmanager
+def _prepared_is_no_litter() -> Iterator[None]:
+    """Spare the garbage collector from looking through all QPs before every pass."""
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
 
 
 class _Counter:
