@@ -64,8 +64,8 @@ class Assembly:
 
     def features(self, frictions: Indices, order: Indices) -> Indices:
         """`ContactQP.feature` of all normals and the given frictions, in `order`."""
-        rows = [self.geometry.feature(*place, 0) for place in self.places]
-        rows += [self.geometry.feature(*self.places[self._first[j]], 1) for j in frictions]
+        rows = [self.geometry.feature(place, 0) for place in self.places]
+        rows += [self.geometry.feature(self.places[self._first[j]], 1) for j in frictions]
         return np.array(rows, dtype=np.int64).reshape(-1, 5)[order]
 
 

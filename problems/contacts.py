@@ -261,8 +261,9 @@ class Geometry:
                     best = max(best, self.depth_below(pose, part, edge, other))
         return -best
 
-    def feature(self, corner: int, part: int, edge: int, direction: int) -> tuple[int, ...]:
-        """Row of `ContactQP.feature`."""
+    def feature(self, place: tuple[int, int, int], direction: int) -> tuple[int, ...]:
+        """Row of `ContactQP.feature` for a (corner, part, edge)."""
+        corner, part, edge = place
         b = int(self.part_body[part])
         if b == GROUND:
             number = int(part - (self.part_body != GROUND).sum())

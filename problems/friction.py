@@ -78,6 +78,10 @@ def force_change(
     return np.where(sliding != 0, sliding * (new_bound - bound), sticking)
 
 
+WEIGHTS = (0.1, 3.0)
+"""Least and greatest weight of a relaxed pass."""
+
+
 class Relaxation:
     """Aitken's vector relaxation of the fixed point λ_* ← λ_N(λ_*)."""
 
@@ -92,7 +96,7 @@ class Relaxation:
             change = gap - self._last
             size = float(change @ change)
             if size > 0:
-                self.weight = float(np.clip(-self.weight * (self._last @ change) / size, 0.1, 2.0))
+                self.weight = float(np.clip(-self.weight * (self._last @ change) / size, *WEIGHTS))
         self._last = gap
         return np.maximum(0.0, lam_star + self.weight * gap)
 

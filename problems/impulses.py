@@ -50,7 +50,7 @@ def solve_impulse(
     G = sp.hstack([assembly.G_N, assembly.G_F], format="csc")
     places = [assembly.places[i] for i in normal]
     feature = [
-        assembly.geometry.feature(*place, int(turn))
+        assembly.geometry.feature(place, int(turn))
         for place, turn in zip(places, direction, strict=True)
     ]
     count = V.shape[1]

@@ -567,7 +567,7 @@ class Stepper:
         return f"body {body + 1}" if body >= 0 else "the ground"
 
     def _place_name(self, place: tuple[int, int, int]) -> str:
-        body, corner, other, edge, _ = self.graph.geometry.feature(*place, 0)
+        body, corner, other, edge, _ = self.graph.geometry.feature(place, 0)
         return f"corner {corner} of {self._body_name(body)} on edge {edge} of " + self._body_name(
             other
         )

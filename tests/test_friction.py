@@ -1,0 +1,98 @@
+"""The friction model of §4: cases with known answers, gains, transitions."""
+
+import numpy as np
+import pytest
+
+from problems import simulate
+from problems.friction import Relaxation, force_change
+from problems.scenes import Scene
+from solvers import make_solver
+from tests.runs import leaning_box, one_box, scene_run
+
+
+def run_of(scene: Scene, **options):
+    return simulate(scene, make_solver("lotstedt"), **options)
+
+
+def test_a_sliding_box_stops_where_coulomb_says():
+    """v² / (2 μ g) after v / (μ g) seconds."""
+    run = run_of(one_box(v=(2.0, 0, 0), mu=0.4, end_time=3.0, stop_at_rest=True))
+    assert run.q[-1, 0, 0] == pytest.approx(4.0 / (2 * 0.4 * 9.81), rel=1e-3)
+    stops = [e.t for e in run.event_log if e.kind == "slip_to_stick"]
+    assert stops == [pytest.approx(2.0 / (0.4 * 9.81), rel=1e-3)]
+
+
+@pytest.mark.parametrize("slope", [0.2, 0.35])
+def test_a_box_on_a_slope_sticks_or_slides_by_mu(slope):
+    from problems.bodies import box
+    from problems.contacts import HalfPlane
+
+    c, s = np.cos(slope), np.sin(slope)
+    scene = Scene(
+        bodies=(box(2.0, 0.5),),
+        q0=np.array([[-0.25 * s, 0.25 * c, slope]]),
+        v0=np.zeros((1, 3)),
+        ground=(HalfPlane((0, 0), (-s, c)),),
+        mu=0.3,
+        end_time=0.5,
+    )
+    run = run_of(scene)
+    along = (run.q[-1, 0, :2] - run.q[0, 0, :2]) @ np.array([c, s])
+    acceleration = min(0.0, -9.81 * (s - 0.3 * c))
+    # a sticking contact begins to slide within a step or two: O(h) late
+    assert along == pytest.approx(0.5 * acceleration * 0.25, rel=0.02, abs=1e-5)
+
+
+def test_paper_friction_on_a_steep_contact_oscillates_and_corrected_does_not():
+    """(4.2) is unstable for gains below −1/3 at any h; the corrected rule is not."""
+    steep = leaning_box(mu=0.8, speed=-6.0, tilt=0.9)
+    steps = {
+        rule: run_of(steep, friction=rule, until=0.2).counts["steps"]
+        for rule in ("paper", "corrected")
+    }
+    assert steps["paper"] > 2 * steps["corrected"], steps
+
+
+def test_friction_never_exceeds_the_cone_in_the_scenes():
+    """Coulomb's law, (2.9a), at the accepted steps of fig4 with the corrected rule."""
+    run = scene_run("fig4")
+    for qp, solution in zip(run.qps, run.solutions, strict=True):
+        if qp.kind in ("step", "corrector") and qp.accepted:
+            tangential = qp.feature[:, 4] == 1
+            assert (np.abs(solution.x[tangential]) <= qp.upper[tangential] + 1e-9).all()
+
+
+def test_rest_is_rest_with_the_corrected_rule_and_not_with_the_paper_s():
+    """Minimum-norm multipliers against lagged bounds alone cycle between stick and slip."""
+    corrected = scene_run("fig5")
+    slips = sum(e.kind == "slip_to_stick" for e in corrected.event_log)
+    paper = simulate(corrected.scene, make_solver("lotstedt"), friction="paper")
+    assert slips <= 4
+    assert sum(e.kind == "slip_to_stick" for e in paper.event_log) > 10 * slips
+
+
+def test_force_change_knows_when_another_pass_matters():
+    new, old = np.array([1.5, 1.5, 0.5, 1.5, 1.5]), np.ones(5)
+    sliding = np.array([1.0, 0, 0, 0, 0])
+    stuck = np.array([0.0, 0.2, 0.8, 1.0, -1.0])
+    moved = force_change(None, sliding, stuck, old, new)
+    np.testing.assert_allclose(moved, [0.5, 0.0, -0.3, 0.5, -0.5])
+
+
+@pytest.mark.parametrize("gain", [-0.9, -1.5, 0.6])
+def test_aitken_finds_the_fixed_point_of_a_linear_map_in_three_passes(gain):
+    relax, star = Relaxation(), np.array([1.0])
+    for _ in range(3):
+        star = relax.next(star, 3.0 + gain * star)
+    assert star[0] == pytest.approx(3.0 / (1 - gain), rel=1e-6)
+
+
+def test_settings_are_checked():
+    with pytest.raises(ValueError, match="friction"):
+        run_of(one_box(), friction="dry")
+    with pytest.raises(ValueError, match="eps"):
+        run_of(one_box(), eps=-1.0)
+    with pytest.raises(ValueError, match="fixed_step"):
+        run_of(one_box(), fixed_step=0.0)
+    with pytest.raises(ValueError, match="until"):
+        run_of(one_box(), until=np.nan)

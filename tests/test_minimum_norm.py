@@ -1,0 +1,116 @@
+"""Minimum-norm multipliers (4.8) and the least-distance form of Lawson and Hanson."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from scipy.optimize import minimize
+
+from problems.minimum_norm import (
+    least_distance_point,
+    least_distance_qp,
+    minimum_norm,
+    null_space,
+)
+from problems.qp import ContactQP
+from problems.sequence import QPSequence
+from solvers import make_solver
+
+
+def sequence():
+    return QPSequence(make_solver("lotstedt", accuracy=1e-13))
+
+
+def test_null_space_is_orthonormal_and_complete():
+    rng = np.random.default_rng(0)
+    A = rng.normal(size=(5, 3)) @ rng.normal(size=(3, 8))
+    Q2 = null_space(A)
+    assert Q2.shape == (8, 5)
+    np.testing.assert_allclose(A @ Q2, 0, atol=1e-13)
+    np.testing.assert_allclose(Q2.T @ Q2, np.eye(5), atol=1e-14)
+    assert null_space(np.zeros((3, 2))).shape == (2, 2)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_least_distance_equals_a_general_optimizer(seed):
+    rng = np.random.default_rng(seed)
+    E = rng.normal(size=(6, 3))
+    e = E @ rng.normal(size=3) - rng.uniform(0, 0.5, 6)  # feasible by construction
+    A, d = least_distance_qp(E, e)
+    qp = ContactQP(A, d, np.zeros(6), np.full(6, np.inf))
+    solution = make_solver("lotstedt", accuracy=1e-13).solve(qp)
+    z = least_distance_point(qp.residual(solution.x))
+    best = minimize(
+        lambda z: z @ z,
+        np.zeros(3),
+        jac=lambda z: 2 * z,
+        constraints={"type": "ineq", "fun": lambda z: E @ z - e, "jac": lambda z: E},
+        method="SLSQP",
+        options={"ftol": 1e-15, "maxiter": 500},
+    )
+    np.testing.assert_allclose(z, best.x, atol=1e-6)
+    assert (E @ z - e).min() >= -1e-10
+
+
+def test_infeasible_rows_are_seen():
+    E, e = np.array([[1.0], [-1.0]]), np.array([1.0, 1.0])  # z ≥ 1 and z ≤ −1
+    A, d = least_distance_qp(E, e)
+    qp = ContactQP(A, d, np.zeros(2), np.full(2, np.inf))
+    solution = make_solver("lotstedt", accuracy=1e-13).solve(qp)
+    assert least_distance_point(qp.residual(solution.x)) is None
+
+
+def table_on_four_legs(lower=0.0):
+    """A load on four legs in a row: two equations, four unknowns."""
+    A = np.array([[1.0, 1, 1, 1], [0.0, 1, 2, 3]])
+    qp = ContactQP(A, -A @ np.array([3.0, 0, 0, 1]), np.full(4, lower), np.full(4, np.inf))
+    return qp, np.array([3.0, 0, 0, 1])
+
+
+def test_load_on_four_legs_is_shared():
+    """Textbook: the least-norm forces are linear along the table, 4/4 plus a tilt."""
+    qp, x = table_on_four_legs()
+    shared = minimum_norm(sequence(), qp, x, None)
+    np.testing.assert_allclose(qp.A @ shared, qp.A @ x, atol=1e-12)
+    np.testing.assert_allclose(shared, [1.9, 1.3, 0.7, 0.1], atol=1e-12)
+
+
+def test_bounds_hold_where_they_bind():
+    A = np.array([[1.0, 1, 1, 1], [0.0, 1, 2, 3]])
+    x = np.array([4.5, 0.0, 0.5, 0])  # unbounded least norm would pull on the last leg
+    qp = ContactQP(A, -A @ x, np.zeros(4), np.full(4, np.inf))
+    free = np.linalg.lstsq(A, A @ x, rcond=None)[0]
+    assert free.min() < 0
+    found = minimum_norm(sequence(), qp, x, None)
+    assert found.min() >= 0
+    np.testing.assert_allclose(A @ found, A @ x, atol=1e-11)
+    assert found @ found < x @ x
+    # optimality: the least norm is at a KKT point λ = Aᵀy + w, w ≥ 0 where λ = 0
+    positive = found > 1e-12
+    y = np.linalg.lstsq(A[:, positive].T, found[positive], rcond=None)[0]
+    np.testing.assert_allclose(A[:, positive].T @ y, found[positive], atol=1e-10)
+    assert (A[:, ~positive].T @ y <= 1e-10).all()
+
+
+def test_coulomb_rows_are_kept_where_feasible():
+    """Least norm alone would leave |λ_F| > μ λ_N; the rows forbid it."""
+    A = np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 1.0]])  # N1 + N2 = 4, F1 + F2 = 1.6
+    x = np.array([3.0, 1.0, 1.2, 0.4])
+    qp = ContactQP(A, -A @ x, np.array([0, 0, -5, -5.0]), np.array([np.inf, np.inf, 5, 5]))
+    mu = np.array([0.3, 0.6])
+    C = sp.csr_array(
+        np.array([[mu[0], 0, -1, 0], [0, mu[1], 0, -1], [mu[0], 0, 1, 0], [0, mu[1], 0, 1]])
+    )
+    free = minimum_norm(sequence(), qp, x, None)
+    assert (C @ free).min() < -0.1
+    kept = minimum_norm(sequence(), qp, x, C)
+    assert (C @ kept).min() >= -1e-10
+    np.testing.assert_allclose(A @ kept, A @ x, atol=1e-11)
+    nothing = sp.csr_array(-np.ones((1, 4)) @ np.diag([1, 1, 0, 0]))  # N1 + N2 ≤ 0: impossible
+    np.testing.assert_allclose(minimum_norm(sequence(), qp, x, nothing), free, atol=1e-9)
+
+
+def test_full_rank_needs_no_qp():
+    qps = sequence()
+    qp = ContactQP(np.eye(3), -np.ones(3), np.zeros(3), np.full(3, np.inf))
+    np.testing.assert_array_equal(minimum_norm(qps, qp, np.ones(3), None), np.ones(3))
+    assert not qps.qps

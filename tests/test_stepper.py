@@ -1,0 +1,285 @@
+"""Algorithm 1: orders, events, laws of the motion, and the paper's figures."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from problems import scene, simulate
+from problems.bodies import box
+from problems.forces import Load
+from problems.qp import Solution, Status
+from problems.scenes import Scene
+from problems.sequence import SimulationError
+from solvers import make_solver
+from tests.runs import leaning_box, one_box, scene_run
+
+SCENES = ("fig2", "fig3", "fig4", "fig5")
+
+
+def lotstedt():
+    return make_solver("lotstedt")
+
+
+# --- order of convergence ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "start",
+    [
+        leaning_box(),
+        leaning_box(spring=True),
+        leaning_box(mu=0.3, speed=8.0),
+        leaning_box(mu=0.3, speed=-8.0),
+    ],
+    ids=["frictionless", "spring-damper", "sliding right", "sliding left"],
+)
+def test_order_two_in_q_v_lambda_and_phi(start):
+    """Self-convergence at fixed h on a smooth stretch (§3.1; §4.1 with a converged start)."""
+    results = []
+    for h in (0.005, 0.0025, 0.00125):
+        run = simulate(start, lotstedt(), eps=1e-9, fixed_step=h)
+        assert not run.event_log, "the stretch is smooth"
+        at = np.searchsorted(run.t, 0.05 * np.arange(1, 9) - 1e-6)
+        lam = np.array([run.multipliers[i][0] for i in at])
+        results.append((run.q[at], run.v[at], lam, run.gaps[at]))
+    for coarse, middle, fine in zip(*results, strict=True):
+        ratio = np.linalg.norm(coarse - middle) / np.linalg.norm(middle - fine)
+        assert np.log2(ratio) == pytest.approx(2.0, abs=0.1)
+
+
+def test_a_start_by_4_4_is_first_order_with_sliding_friction():
+    """The paper's rule, published as it is."""
+    results = [
+        simulate(
+            leaning_box(mu=0.3, speed=8.0), lotstedt(), eps=1e-9, fixed_step=h, friction="paper"
+        ).q[-1]
+        for h in (0.005, 0.0025, 0.00125)
+    ]
+    ratio = np.linalg.norm(results[0] - results[1]) / np.linalg.norm(results[1] - results[2])
+    assert np.log2(ratio) == pytest.approx(1.0, abs=0.3)
+
+
+# --- laws ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_energy_never_rises_and_nothing_sinks_in(name):
+    run = scene_run(name)
+    energy = run.kinetic_energy() + run.potential_energy()
+    start = 1 if run.scene.impulses else 0  # after the initial impulse
+    energy = energy[start:]
+    rise = (energy - np.minimum.accumulate(energy)).max() / energy[0]
+    assert rise <= 1e-3
+    assert run.gaps.min() >= -5e-3
+
+
+def test_momentum_of_fig2_is_kept():
+    run = scene_run("fig2")
+    masses = np.array([body.mass for body in run.scene.bodies])
+    np.testing.assert_allclose(run.v[:, :, 0] @ masses, 3.0, atol=1e-9)
+
+
+def test_resting_tower_stays():
+    run = simulate(scene("fig2", velocity=0.0, mu=0.5), lotstedt(), until=1.0)
+    assert np.abs(run.q[-1] - run.q[0]).max() < 1e-9
+    assert np.abs(run.v).max() < 1e-9
+    assert not run.event_log
+
+
+# --- the figures ---------------------------------------------------------------------------------
+
+
+def test_fig2_ends_as_the_paper_says():
+    """Body 1 moves right, 4 and 5 left, when the simulation is interrupted."""
+    run = scene_run("fig2")
+    vx = run.v[-1, :, 0]
+    assert run.t[-1] == pytest.approx(6.0)
+    assert vx[0] > 0
+    assert vx[3] < 0
+    assert vx[4] < 0
+    assert 25 <= run.counts["impulses"] <= 50
+
+
+def test_fig3_hits_when_the_paper_says():
+    run = scene_run("fig3")
+    hits = [e.t for e in run.event_log if e.kind == "impulse"]
+    assert hits[0] == pytest.approx(0.7302, abs=0.01)
+    assert hits[1] == pytest.approx(2.1151, abs=0.01)
+    vx = np.interp(4.60, run.t, run.v[:, 0, 0])
+    assert vx == pytest.approx(0.69, abs=0.005)
+    energy = run.kinetic_energy()
+    late = run.t > 3
+    inner = energy[1:-1]
+    peaks = inner[late[1:-1] & (inner > energy[:-2]) & (inner >= energy[2:])]
+    assert len(peaks) >= 3
+    assert (np.diff(peaks) < 0).all(), "each swing has less kinetic energy than the one before"
+
+
+def test_fig4_comes_to_rest_indeterminate():
+    run = scene_run("fig4")
+    assert run.event_log[-1].kind == "rest"
+    last = [qp for qp in run.qps if qp.kind in ("step", "corrector") and qp.accepted][-1]
+    assert last.A.shape == (9, 11)
+    assert np.linalg.matrix_rank(last.dense_A) == 9
+
+
+def test_fig4_zigzags_with_friction_impulses():
+    assert scene_run("fig4", mu_I=0.8).event_log[-1].kind == "rest"
+    many, few = (scene_run("fig4", **kw).counts["impulses"] for kw in ({"mu_I": 0.8}, {}))
+    assert many > 5 * few
+
+
+def test_fig5_is_indeterminate_first_and_last_and_comes_to_rest():
+    run = scene_run("fig5")
+    assert run.event_log[-1].kind == "rest"
+    steps = [qp for qp in run.qps if qp.kind in ("step", "corrector") and qp.accepted]
+    for qp in (steps[0], steps[-1]):
+        assert np.linalg.matrix_rank(qp.dense_A) < qp.k
+
+
+def test_another_solver_in_the_loop_gives_the_same_motion():
+    """The motion depends on Gλ, which is unique, not on λ, which is not."""
+    ours, theirs = scene_run("fig4"), simulate(scene("fig4"), make_solver("daqp"))
+    assert [e.kind for e in ours.event_log] == [e.kind for e in theirs.event_log]
+    np.testing.assert_allclose(ours.q[-1], theirs.q[-1], atol=1e-4)
+
+
+# --- events --------------------------------------------------------------------------------------
+
+
+def test_a_falling_box_hits_when_it_should():
+    run = simulate(one_box(y=1.5, end_time=1.0), lotstedt(), eps=1e-5)
+    hit = next(e for e in run.event_log if e.kind == "impulse")
+    assert hit.t == pytest.approx(np.sqrt(2 * 1.0 / 9.81), abs=1e-4)
+    assert abs(run.q[-1, 0, 1] - 0.5) < 1e-5
+
+
+def test_the_collision_is_located_on_the_position():
+    run = simulate(one_box(y=1.5, angle=0.3, end_time=1.0), lotstedt())
+    hit = next(e for e in run.event_log if e.kind == "impulse")
+    at = np.flatnonzero(run.t == hit.t)[0]
+    _, y, angle = run.q[at, 0]
+    c, s = np.cos(angle), np.sin(angle)
+    lowest = min(y + s * a + c * b for a in (-0.5, 0.5) for b in (-0.5, 0.5))
+    assert abs(lowest) < 1e-12
+
+
+def test_a_load_restarts_at_its_jumps_and_moves_the_box():
+    scene_ = one_box(
+        mu=0.3, forces=(Load(0, (6.0, 0, 0), 0.5, 1.0),), end_time=4.0, stop_at_rest=True
+    )
+    run = simulate(scene_, lotstedt())
+    jumps = [e.t for e in run.event_log if e.kind == "force_jump"]
+    assert jumps == [pytest.approx(0.5), pytest.approx(1.0)]
+    # (6 − μ m g) for 0.5 s, then −μ g until it stands
+    speed = (6 - 0.3 * 9.81) * 0.5
+    expected = speed * 0.5 / 2 + speed**2 / (2 * 0.3 * 9.81)
+    assert run.q[-1, 0, 0] == pytest.approx(expected, rel=5e-3)
+
+
+def test_a_box_pushed_over_the_end_of_a_table_slides_off():
+    table, slider = box(3.0, 1.0), box(0.5, 0.5)
+    scene_ = Scene(
+        bodies=(table, slider),
+        q0=np.array([[0, 0.5, 0], [1.0, 1.25, 0]]),
+        v0=np.array([[0, 0, 0], [3.0, 0, 0]]),
+        end_time=1.5,
+    )
+    run = simulate(scene_, lotstedt())
+    kinds = {e.kind for e in run.event_log}
+    assert {"hand_over", "impulse"} <= kinds
+    assert run.q[-1, 1, 1] == pytest.approx(0.25, abs=1e-3), "it lies on the ground"
+    assert run.q[-1, 1, 0] > 1.75
+
+
+def test_separating_bodies_are_dropped_without_restart():
+    scene_ = one_box(forces=(Load(0, (0, 20.0, 0), 0.2),), end_time=0.5)
+    run = simulate(scene_, lotstedt())
+    assert run.event_log[0].kind == "force_jump"
+    assert "drop" in {e.kind for e in run.event_log}
+    assert run.counts["restarts"] == 1
+    assert run.q[-1, 0, 1] > 0.5
+
+
+# --- refusals ------------------------------------------------------------------------------------
+
+
+def test_overlapping_bodies_are_refused_with_the_depth():
+    scene_ = Scene(
+        bodies=(box(1, 1), box(1, 1)),
+        q0=np.array([[0, 0.5, 0], [0.9, 0.5, 0]]),
+        v0=np.zeros((2, 3)),
+    )
+    with pytest.raises(ValueError, match=r"body 1 and body 2 overlap by 0\.1 m"):
+        simulate(scene_, lotstedt())
+
+
+def test_a_body_in_the_ground_is_refused():
+    with pytest.raises(ValueError, match=r"body 1 and the ground overlap by 0\.2 m"):
+        simulate(one_box(y=0.3), lotstedt())
+
+
+class Liar:
+    """Claims that no force acts."""
+
+    def solve(self, qp, start=None):
+        return Solution(
+            x=np.zeros(qp.k),
+            row_id=qp.row_id,
+            status=Status.SOLVED,
+            working_set=np.zeros(qp.k, np.int8),
+        )
+
+
+class Mute:
+    """Never has an answer."""
+
+    def solve(self, qp, start=None):
+        return Solution(
+            x=None, row_id=qp.row_id, status=Status.FAILED, working_set=np.zeros(qp.k, np.int8)
+        )
+
+
+def test_a_lying_solver_is_caught_by_the_motion():
+    with pytest.raises(SimulationError, match="although it is active"):
+        simulate(one_box(), Liar())
+
+
+def test_a_mute_solver_ends_the_simulation_with_a_reason():
+    with pytest.raises(SimulationError, match="gave no answer to a step QP"):
+        simulate(one_box(), Mute())
+
+
+# --- what is kept --------------------------------------------------------------------------------
+
+
+def test_everything_that_was_posed_is_kept():
+    run = scene_run("fig4")
+    assert len(run.qps) == len(run.solutions) == run.counts["qps"]
+    kinds = {qp.kind for qp in run.qps}
+    assert {"step", "corrector", "impulse", "minimum_norm"} <= kinds
+    assert any(not qp.accepted for qp in run.qps)
+    restarts = [qp for qp in run.qps if qp.restart]
+    assert len(restarts) >= run.counts["impulses"]
+    rows = run.trajectory
+    assert list(rows.columns) == ["t", "body", "x", "y", "phi", "vx", "vy", "omega"]
+    assert rows["body"].unique().tolist() == [1, 2, 3]
+    assert (np.diff(run.t) >= 0).all()
+    assert run.t.size >= run.counts["steps"]
+
+
+def test_two_runs_are_identical():
+    one, two = (simulate(scene("fig5"), lotstedt()) for _ in range(2))
+    assert one.q.tobytes() == two.q.tobytes()
+    assert len(one.qps) == len(two.qps)
+    for a, b in zip(one.qps, two.qps, strict=True):
+        assert a.d.tobytes() == b.d.tobytes()
+        assert a.dense_A.tobytes() == b.dense_A.tobytes()
+
+
+def test_row_ids_survive_from_step_to_step():
+    run = scene_run("fig2")
+    steps = [qp for qp in run.qps if qp.kind == "step"]
+    same = sum(np.isin(b.row_id, a.row_id).all() for a, b in pairwise(steps))
+    assert same / len(steps) > 0.9
