@@ -2,12 +2,12 @@
 
 The problem is posed in normal form, min ½ xᵀP x + qᵀx, lower ≤ x ≤ upper, with the bounds as simple
 bounds.  DAQP wants a definite P; where P = AᵀA is singular it adds proximal iterations of its own,
-x_{j+1} = argmin of the QP + ½ε‖x − x_j‖², which end at a solution of the QP itself: `eta_prox` says
-when, and its default of 1e-6 would set the accuracy.
+x_{j+1} = argmin of the QP + ½ε‖x − x_j‖², which end at a solution of the QP itself.
 
-Accuracy: `primal_tol`, `dual_tol` and `eta_prox` are the residual that `asked` allows, not below
-1e-14.  In a sequence one `daqp.Model` is updated in place and keeps its working set; where rows
-came or went a new one is given the old working set.
+Accuracy: `primal_tol` and `dual_tol` are the residual that `asked` allows, not below 1e-14.  The
+proximal iterations end at a step of 1e-14, `eta_prox`: a few per cent more iterations than with a
+loose one, for four more digits.  In a sequence one `daqp.Model` is updated in place and keeps its
+working set; where rows came or went a new one is given the old working set.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class DAQP(PackageSolver):
         settings: dict[str, float] = {"iter_limit": self.max_iterations}
         if asked is not None:
             tolerance = posed.residual_tolerance(asked, 1e-14)
-            settings |= dict.fromkeys(("primal_tol", "dual_tol", "eta_prox"), tolerance)
+            settings |= {"primal_tol": tolerance, "dual_tol": tolerance, "eta_prox": 1e-14}
         model.settings = settings
         if carried is None:
             model.setup(*arrays)

@@ -34,7 +34,11 @@ OPTIONS: dict[str, Callable[[float, float], dict[str, Any]]] = {
         "eps_duality_gap_abs": max(gap, 1e-15),
         "eps_duality_gap_rel": 0.0,
     },
-    "daqp": lambda residual, gap: dict.fromkeys(("primal_tol", "dual_tol", "eta_prox"), residual),
+    "daqp": lambda residual, gap: {
+        "primal_tol": residual,
+        "dual_tol": residual,
+        "eta_prox": 1e-14,
+    },
     "highs": lambda residual, gap: {},
     "quadprog": lambda residual, gap: {},
 }
