@@ -15,16 +15,12 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
+from harness.threads import ask_for_one_thread
+
 if TYPE_CHECKING:
     from rich.console import Console
 
     from harness.recording import Recording
-
-THREAD_VARIABLES = (
-    *("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"),
-    *("NUMEXPR_NUM_THREADS", "RAYON_NUM_THREADS"),
-)
-"""Read by the numerical libraries as they load, so set to 1 before any of them is imported."""
 
 EPILOG = """A first walk:
 
@@ -474,6 +470,5 @@ def study(
 
 def main() -> None:
     """Entry point of the command `glambda`."""
-    for name in THREAD_VARIABLES:
-        os.environ.setdefault(name, "1")
+    ask_for_one_thread()
     app()

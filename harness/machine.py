@@ -15,17 +15,8 @@ from functools import cache
 from importlib import metadata
 from pathlib import Path
 
+from harness.threads import threads_asked_for
 from solvers.registry import solver_class
-
-THREAD_VARIABLES = (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "VECLIB_MAXIMUM_THREADS",
-    "NUMEXPR_NUM_THREADS",
-    "RAYON_NUM_THREADS",
-)
-"""Read by the numerical libraries when they are loaded; the command line sets them to 1."""
 
 LIBRARIES = ("glambda", "numpy", "scipy", "h5py", "pandas", "pyarrow")
 
@@ -42,13 +33,12 @@ def machine_label() -> str:
 
 def machine() -> dict[str, str]:
     """Processor, usable cores, operating system, Python and the thread limit in force."""
-    limits = {os.environ.get(name, "unset") for name in THREAD_VARIABLES[:2]}
     return {
         "cpu": _cpu_model(),
         "cores": str(_usable_cores()),
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
-        "threads": limits.pop() if len(limits) == 1 else "mixed",
+        "threads": threads_asked_for(),
     }
 
 

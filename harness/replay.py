@@ -32,6 +32,7 @@ from harness.machine import machine_label, solver_version
 from harness.measure import Outcome, run_pass
 from harness.recording import Recording, read_recording
 from harness.store import Shard, ShardKey, Store, read_results
+from harness.threads import one_thread
 from problems.qp import ContactQP, WorkCounts
 from solvers import make_solver
 from solvers.base import Solver
@@ -133,7 +134,7 @@ def replay(
         if recording.digest not in facts:
             facts[recording.digest] = [facts_of(qp) for qp in recording.qps]
         block = _Block(recording, setting, facts[recording.digest], time_limit, study)
-        with _prepared_is_no_litter():
+        with one_thread(), _prepared_is_no_litter():
             for turn in range(repeats):
                 for run in runs:
                     before = counter.done

@@ -283,7 +283,7 @@ def test_study_end_to_end_and_resumed(tmp_path: Path, monkeypatch: pytest.Monkey
 def test_study_will_not_mix_two_recordings_of_a_scene(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    quick = replace(study.QUICK, scenes=("fig3",), until=0.2, solvers=("lotstedt",))
+    quick = replace(study.QUICK, scenes=("fig5",), until=0.2, solvers=("lotstedt",))
     monkeypatch.setattr(study, "QUICK", quick)
     assert glambda("study", "--quick", "--results", tmp_path).exit_code == 0
     monkeypatch.setattr(study, "QUICK", replace(quick, until=0.25))
