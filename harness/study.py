@@ -48,7 +48,7 @@ class Plan:
     arms: tuple[str, ...] = ARMS
     repeats: int = 3
     time_limit: float = 1.0
-    slow_pass: float = 5.0
+    slow_pass: float = 3.0
     only_installed: bool = False
 
     def named_solvers(self) -> tuple[str, ...]:
