@@ -6,6 +6,8 @@ from functools import cache
 
 import numpy as np
 
+from harness.record import recording_of
+from harness.recording import Recording
 from problems import Run, scene, simulate
 from problems.bodies import box
 from problems.contacts import HalfPlane
@@ -18,6 +20,12 @@ from solvers import make_solver
 def scene_run(name: str, **parameters: float) -> Run:
     """One of the paper's scenes, with the paper's method in the loop."""
     return simulate(scene(name, **parameters), make_solver("lotstedt"))
+
+
+@cache
+def scene_recording(name: str) -> Recording:
+    """The recording of a scene, with references."""
+    return recording_of(scene_run(name), "lotstedt")
 
 
 def leaning_box(

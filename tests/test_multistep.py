@@ -1,5 +1,7 @@
 """Multistep formulas: exact on the polynomials that they should be exact on, and (3.5)."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from problems.multistep import History, first_order_step
 def history_of(v, a, times):
     """A history that has stepped through `times` along known functions."""
     history = History(np.array([v(times[0])]))
-    for before, now in zip(times, times[1:], strict=False):
+    for before, now in pairwise(times):
         history.push(now - before, np.array([v(now)]), np.array([a(now)]))
     return history
 
