@@ -12,7 +12,8 @@ rows.
    rounding is the answer.
 
 A solution with A_F of full rank always exists, so that sets with a dependent F may fail harmlessly.
-QPs with more than `max_guesses` sets are not taken.
+A QP is given up after `max_guesses` sets, and not taken where it has more than `max_rows` rows that
+are not fixed: then not even the sets in the neighbourhood of the guess can be tried.
 """
 
 from __future__ import annotations
@@ -38,12 +39,13 @@ class Enumeration(PackageSolver):
     """Guessing the active set by enumeration, nearest to a first guess first (our own)."""
 
     max_guesses: int = 100_000
+    max_rows: int = 32
 
     name: ClassVar[str] = "enumeration"
     form: ClassVar[Form] = "least_squares"
     warm_start: ClassVar[str] = "working set"
     dense: ClassVar[bool] = True
-    statuses: ClassVar[dict[Any, Status]] = {"solved": Status.SOLVED, "best": Status.INACCURATE}
+    statuses: ClassVar[dict[Any, Status]] = {"solved": Status.SOLVED}
 
     def arrays(self, posed: Posed) -> Any:
         """The states that each row may take."""
@@ -51,11 +53,10 @@ class Enumeration(PackageSolver):
             [FREE, *[AT_LOWER] * bool(low > -np.inf), *[AT_UPPER] * bool(high < np.inf)]
             for low, high in zip(posed.lower, posed.upper, strict=True)
         ]
-        guesses = float(np.prod([float(len(each)) for each in states]))
-        if guesses > self.max_guesses:
+        if posed.n > self.max_rows:
             raise Unsupported(
-                f"{posed.n} rows have {guesses:.3g} working sets; more than {self.max_guesses:,} "
-                "are not tried (max_guesses)"
+                f"{posed.n} rows have {_count(states):.3g} working sets; no more than "
+                f"{self.max_rows} rows are tried (max_rows)"
             )
         return states
 
@@ -74,7 +75,7 @@ class Enumeration(PackageSolver):
         """Steps 2 to 4: x, the number of sets tried and how it ended."""
         P, guess = native.object
         best, least, tried = None, np.inf, 0
-        sets = _by_distance(guess, native.arrays)
+        sets = islice(_by_distance(guess, native.arrays), self.max_guesses)
         while batch := list(islice(sets, min(max(1, 8 * tried), _BATCH))):
             states = np.array(batch)
             promising = np.flatnonzero(_screen(native.posed, P, states) <= _SCREEN)
@@ -85,12 +86,22 @@ class Enumeration(PackageSolver):
                 if violation <= _EXACT:
                     return x, tried + int(i) + 1, "solved"
             tried += len(batch)
-        return best, tried, "solved" if least <= _LOOSE else "best"
+        if least > _LOOSE:
+            raise Unsupported(
+                f"none of the {tried:,} working sets nearest to the guess is right, of "
+                f"{_count(native.arrays):.3g} (max_guesses)"
+            )
+        return best, tried, "solved"
 
     def outcome(self, native: Native, result: Any) -> Outcome:
         """The answer; its iterations are the sets that were tried."""
         x, tried, text = result
         return Outcome(x, text, tried)
+
+
+def _count(states: list[list[int]]) -> float:
+    """Number of working sets."""
+    return float(np.prod([float(len(each)) for each in states]))
 
 
 def _by_distance(guess: NDArray[np.int8], states: list[list[int]]) -> Iterator[NDArray[np.int8]]:

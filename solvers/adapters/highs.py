@@ -2,13 +2,14 @@
 
 The problem is posed in normal form, min ½ xᵀP x + qᵀx, lower ≤ x ≤ upper, and an empty row
 0 x = 0.  Without any row HiGHS 1.15 now and then returns its starting point as optimal, after 0
-iterations (always for a singular P, and for 2 of 40 definite ones of order 24).  With the empty row
-a singular P is no trouble, and the 1e-7 that HiGHS adds to the diagonal of P by default, which
-would set the accuracy, is switched off.
+iterations: for 2 of 372 random QPs with its default of 1e-7 added to the diagonal of P, for 99,
+most of them with a singular P, without.  With the empty row it needs no such addition, which would
+set the accuracy, and a singular P is no trouble.
 
 Accuracy: the feasibility tolerances are the residual that `asked` allows, not below HiGHS's least,
 1e-10; an active-set method is exact once it has the working set.  HiGHS's QP solver takes no start:
-`setSolution` and `setBasis` leave its iterations as they are.
+`setSolution` and `setBasis` leave its iterations as they are.  On 2 of fig2's 968 QPs it ends with
+a gradient of 4e-6 of the force, A x being off by 8e-7; no option was found to change that.
 """
 
 from __future__ import annotations

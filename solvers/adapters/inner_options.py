@@ -18,7 +18,7 @@ OPTIONS: dict[str, Callable[[float, float], dict[str, Any]]] = {
         "eps_abs": residual,
         "eps_rel": 0.0,
         "check_duality_gap": True,
-        "eps_duality_gap_abs": max(gap, 1e-14),
+        "eps_duality_gap_abs": max(gap, 1e-13),
         "eps_duality_gap_rel": 0.0,
     },
     "clarabel": lambda residual, gap: {
@@ -31,7 +31,7 @@ OPTIONS: dict[str, Callable[[float, float], dict[str, Any]]] = {
     "piqp": lambda residual, gap: {
         "eps_abs": residual,
         "eps_rel": 0.0,
-        "eps_duality_gap_abs": max(gap, 1e-15),
+        "eps_duality_gap_abs": max(gap, 1e-14),
         "eps_duality_gap_rel": 0.0,
     },
     "daqp": lambda residual, gap: {
