@@ -92,7 +92,10 @@ def _give_up(error: Exception, code: int) -> None:
 def _console(err: bool = False) -> Console:
     from rich.console import Console
 
-    return Console(stderr=err, soft_wrap=False)
+    console = Console(stderr=err)
+    if not console.is_terminal:
+        console.width = 120  # a file has no width of its own
+    return console
 
 
 def _names(text: str, default: list[str]) -> list[str]:
@@ -464,7 +467,9 @@ def study(
         run_study(plan, folder, progress=tell)
     with console.status("drawing the report"):
         page = write_report(folder, folder / "report")
-    _console().print(replay_table(read_results(folder)))
+    rows = read_results(folder)
+    for setting in plan.settings:
+        _console().print(replay_table(rows[rows["settings"] == setting]))
     typer.echo(str(page))
 
 

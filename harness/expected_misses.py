@@ -1,8 +1,9 @@
 """Which backends are expected to miss A x*, on which scene, how often and why.
 
 A miss is a row of `glambda verify` that is neither verified nor skipped: the error in A x exceeds
-ten times the accuracy asked.  The counts are the measured ones at the time of writing; `glambda
-verify` fails where a count rises.  A count that falls is an invitation to lower it here.
+ten times the accuracy asked.  The counts were measured with the scenes' default parameters and the
+versions that pyproject.toml installs; `glambda verify` fails where a count rises.  One that falls is
+an invitation to lower it here.
 """
 
 from __future__ import annotations
@@ -14,13 +15,45 @@ ACCURATE_CLASS = ("lotstedt", "velocity", "enumeration", "scipy_bvls", "daqp", "
 
 
 class Expected(NamedTuple):
-    """Expected misses of one backend: (scene, setting) → count, and why."""
+    """Expected misses of one backend: (scene, setting) → count over both arms, and why."""
 
     counts: dict[tuple[str, str], int]
     reason: str
 
 
-EXPECTED: dict[str, Expected] = {}
+DEGENERATE_IMPULSES = (
+    "impulses with degenerate rows (x and Δ both 0), to which an interior point comes only as the "
+    "square root of the gap"
+)
+
+EXPECTED: dict[str, Expected] = {
+    "clarabel": Expected(
+        {
+            ("fig2", "paper"): 23,
+            ("fig2", "high"): 30,
+            ("fig4", "paper"): 9,
+            ("fig4", "high"): 15,
+            ("fig5", "paper"): 1,
+            ("fig5", "high"): 1,
+        },
+        DEGENERATE_IMPULSES,
+    ),
+    "piqp": Expected(
+        {
+            ("fig2", "paper"): 21,
+            ("fig2", "high"): 29,
+            ("fig4", "paper"): 7,
+            ("fig4", "high"): 15,
+            ("fig5", "paper"): 1,
+            ("fig5", "high"): 1,
+        },
+        DEGENERATE_IMPULSES,
+    ),
+    "highs": Expected(
+        {("fig2", "high"): 2},
+        "reports optimal with one free gradient at 1e-6 of the scale; no option changes that",
+    ),
+}
 """By the name of the backend; one that is not listed is expected to miss nothing."""
 
 SCENES = ("fig2", "fig3", "fig4", "fig5")
