@@ -66,7 +66,7 @@ class Plan:
 
 
 QUICK = Plan(
-    until=1.0,
+    until=2.0,
     solvers=(
         *("lotstedt", "velocity", "pgs", "scipy_bvls", "osqp", "proxqp"),
         *("clarabel", "daqp", "quadprog", "piqp"),
