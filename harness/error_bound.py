@@ -12,9 +12,10 @@ Every x̄ and every admissible v give a bound; the least one found is kept.
 
 1. x̄ is x clipped to its bounds, as it is and with entries snapped to a bound: those that a
    gradient step would carry over it, and those that are tiny.  ‖A(x − x̄)‖ is added.
-2. S is a set of rows: none, or those that are free or have a gradient of the wrong sign.
+2. S is a set of rows: none, or those that are free.
 3. v = −(A_Sᵀ)⁺Δ_S, the least v that makes Δ' vanish on S.
-4. Rows with an unbounded side on which Δ' has the wrong sign join S, until there are none.
+4. Rows on which Δ' has a sign that is not admissible join S, until there are none; where S began
+   with the free rows, so do rows at a bound with the wrong sign, so that g = 0.
 5. v = −r is always admissible and needs no S: the bound is then ‖r‖.
 
 r and Δ' are evaluated in `numpy.longdouble`, and what rounding can do to them is added to ‖v‖: for
@@ -87,23 +88,27 @@ def _bound_at(facts: Facts, x: np.ndarray, enough: float) -> float:
     rounding = (qp.k + 2) * UNIT * (np.abs(A) @ np.abs(x) + np.abs(facts.d))
     lost = float(np.linalg.norm(rounding))
     best = float(np.linalg.norm(r)) + lost
-    gradient = A.T @ r
-    fixed = qp.lower == qp.upper
     free = (x > qp.lower) & (x < qp.upper)
-    wrong = ((x <= qp.lower) & (gradient < 0)) | ((x >= qp.upper) & (gradient > 0))
-    start = (free | wrong) & ~fixed
-    for S in (start, np.zeros_like(start)):
-        bound = lost + _bound_on(facts, x, r, S)
+    for S, all_signs in ((free, True), (np.zeros_like(free), False)):
+        bound = lost + _bound_on(facts, x, r, S, all_signs)
         best = min(best, bound)
         if best <= 1e-3 * enough:
             break
     return best
 
 
-def _bound_on(facts: Facts, x: np.ndarray, r: np.ndarray, S: Flags) -> float:
-    """Bound with v = −(A_Sᵀ)⁺Δ_S, S enlarged until v is admissible; inf if it never is."""
+def _bound_on(facts: Facts, x: np.ndarray, r: np.ndarray, S: Flags, all_signs: bool) -> float:
+    """Bound with v = −(A_Sᵀ)⁺Δ_S, S enlarged until v is admissible; inf if it never is.
+
+    all_signs : enlarge S further until every row at a bound has its sign, which makes g = 0
+    """
     qp, A = facts.qp, facts.A
     no_upper, no_lower = np.isinf(qp.upper), np.isinf(qp.lower)
+    up_is_wrong, down_is_wrong = no_lower, no_upper
+    if all_signs:
+        fixed = qp.lower == qp.upper
+        up_is_wrong = no_lower | ((x >= qp.upper) & ~fixed)
+        down_is_wrong = no_upper | ((x <= qp.lower) & ~fixed)
     absolute = np.abs(A)
     for _ in range(qp.k + 1):
         v = _least_correction(facts, r, S)
@@ -111,7 +116,7 @@ def _bound_on(facts: Facts, x: np.ndarray, r: np.ndarray, S: Flags) -> float:
         margin = (qp.m + 2) * UNIT * (absolute.T @ (np.abs(r) + np.abs(v)))
         # Rows of S vanish but for rounding, which is undone below.
         gradient[S] = 0.0
-        bad = (no_upper & (gradient < -margin)) | (no_lower & (gradient > margin))
+        bad = (down_is_wrong & (gradient < -margin)) | (up_is_wrong & (gradient > margin))
         if not bad.any():
             break
         S = S | bad
