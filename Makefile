@@ -1,4 +1,5 @@
 # make study   simulate, record, replay and report the four scenes: results/report/index.html
+# make publish study, and its report into reports/published
 # make test    all tests
 # Each makes the virtual environment .venv first if it is missing; Python 3.11 or newer is needed.
 
@@ -7,13 +8,18 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: study quick test lint clean
+.PHONY: study quick publish test lint clean
 
 study: $(INSTALLED)
 	$(BIN)/glambda study
 
 quick: $(INSTALLED)
 	$(BIN)/glambda study --quick
+
+publish: study
+	rm -rf reports/published
+	$(BIN)/glambda report results -o reports/published
+	rm reports/published/figures/*.svg
 
 test: $(INSTALLED)
 	$(BIN)/python -m pytest -n auto

@@ -11,7 +11,7 @@ import functools
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import typer
 
@@ -51,6 +51,12 @@ Sets = Annotated[
 ]
 Until = Annotated[float | None, typer.Option(help="end of the motion [s]; default: the scene's")]
 Eps = Annotated[float | None, typer.Option(help="the stepper's ε; default: the scene's (0.001)")]
+Friction = Annotated[
+    Literal["corrected", "paper"], typer.Option(help="the paper's lagged friction, or corrected")
+]
+DropTol = Annotated[
+    float | None, typer.Option(help="speed at which a contact without force is dropped; default: ε")
+]
 Solvers = Annotated[
     str,
     typer.Option(
@@ -207,6 +213,8 @@ def simulate(
     fixed_step: Annotated[
         float | None, typer.Option(help="step length [s], without error control")
     ] = None,
+    friction: Friction = "corrected",
+    drop_tol: DropTol = None,
     settings: Sets = None,
     trajectory: Annotated[
         Path | None, typer.Option(metavar="F.csv", help="positions; events to F.events.csv")
@@ -240,6 +248,8 @@ def simulate(
             eps=eps,
             until=until,
             fixed_step=fixed_step,
+            friction=friction,
+            drop_tol=drop_tol,
             progress=lambda t: tell(f"t = {t:.3f} s", t, end),
         )
     print_run(_console(), run)
@@ -265,6 +275,8 @@ def record(
     settings: Sets = None,
     eps: Eps = None,
     until: Until = None,
+    friction: Friction = "corrected",
+    drop_tol: DropTol = None,
     output: Annotated[Path, typer.Option("-o", "--output", help="folder")] = Path("recordings"),
 ) -> None:
     """Simulate scenes by the paper's method and keep every QP, with a reference answer.
@@ -274,15 +286,15 @@ def record(
 
     Example:  glambda record fig4 --set mu_I=0.8 -o recordings
     """
-    for made, path in _recorded(scene, settings, eps, until, output):
+    options = {"eps": eps, "until": until, "friction": friction, "drop_tol": drop_tol}
+    for made, path in _recorded(scene, settings, options, output):
         typer.echo(f"{path}: {len(made.qps)} QPs, digest {made.digest[:12]}…")
 
 
 def _recorded(
     labels: list[str] | None,
     settings: list[str] | None,
-    eps: float | None,
-    until: float | None,
+    options: dict[str, Any],
     folder: Path,
 ) -> list[tuple[Recording, Path]]:
     from harness.progress import shown
@@ -297,7 +309,7 @@ def _recorded(
     done = []
     for each in made:
         with shown(f"record {each.label}", _console(err=True)) as tell:
-            recording = record_scene(each, eps=eps, until=until, progress=tell)
+            recording = record_scene(each, **options, progress=tell)
         path = folder / f"{recording.scene}.h5"
         write_recording(path, recording)
         done.append((recording, path))
@@ -391,7 +403,7 @@ def verify(
         recordings = [read_recording(path) for path in files]
     else:
         with tempfile.TemporaryDirectory() as folder:
-            recordings = [made for made, _ in _recorded(None, None, None, None, Path(folder))]
+            recordings = [made for made, _ in _recorded(None, None, {}, Path(folder))]
     with shown("verify", _console(err=True)) as tell:
         lines = verify_all(recordings, names, results=output, progress=tell)
     missed, broken = lines[lines["missed"] > 0], lines[~lines["holds"]]

@@ -64,10 +64,11 @@ def recording_of(
         references.append(reference(qp))
     if progress is not None:
         progress("reference", len(run.qps), len(run.qps))
+    rule = run.options["friction"]
     scene, version = run.scene, solver_version(solver_name)
     how = {"solver": solver_name, "until": until, **run.options}
     return Recording(
-        scene=scene.label,
+        scene=scene.label + ("" if rule == "corrected" else f",friction={rule}"),
         parameters={
             **scene.parameters,
             **{f"run.{name}": value for name, value in how.items() if value is not None},

@@ -115,7 +115,10 @@ def plot_cost(results: Results, setting: str, path: str | Path) -> Path:
         for arm in ARMS
     }
     tables = {key: comparison.summary() for key, comparison in summaries.items()}
-    everything = pd.concat([table["median"] for table in tables.values() if len(table)])
+    filled = [table["median"] for table in tables.values() if len(table)]
+    if not filled:
+        raise ValueError("no compared backend solved a QP with a contact; there is no cost to draw")
+    everything = pd.concat(filled)
     speed = np.log(everything.clip(lower=1e-9)).groupby(level=0).mean()
     solvers = sorted(speed.index, key=lambda name: (float(speed[name]), name))
 

@@ -27,7 +27,7 @@ from reports.findings import Answer, how_accurate, join, warm_start_worth, which
 from reports.frames import plot_scene
 from reports.protocol import protocol, recordings_table, reproduce, versions_table
 from reports.results import ARMS, METHOD, Results, is_method, load_results
-from reports.style import inline_svg
+from reports.style import inline_figure
 from reports.table import Table
 from reports.tables import (
     accuracy_table,
@@ -85,7 +85,7 @@ class _Writer:
         name = slug(name)
         for suffix in (".svg", ".png"):
             draw(self.figures / (name + suffix))
-        return {"svg": inline_svg(self.figures / f"{name}.svg", caption), "caption": caption}
+        return {"markup": inline_figure(self.figures / name, caption), "caption": caption}
 
     def page(self) -> str:
         """The whole page as text."""
@@ -101,7 +101,7 @@ class _Writer:
         )
         context = self.context()
         for entry in _figures_in(context):
-            entry["svg"] = Markup(entry["svg"])
+            entry["markup"] = Markup(entry["markup"])
         environment.filters["prose"] = prose
         style = environment.get_template("page.css").render()
         return (
@@ -327,7 +327,7 @@ def _with_errors(results: Results) -> list[str]:
 def _figures_in(value: Any) -> list[dict[str, Any]]:
     """All figures of a context, wherever they stand."""
     if isinstance(value, dict):
-        if "svg" in value:
+        if "markup" in value:
             return [value]
         return [entry for part in value.values() for entry in _figures_in(part)]
     if isinstance(value, list):

@@ -7,6 +7,7 @@ replaces by its own colours, so that one file serves a light and a dark page.
 
 from __future__ import annotations
 
+import base64
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -94,11 +95,25 @@ def save(figure: Figure, path: Path) -> Path:
     return path
 
 
-def inline_svg(path: Path, description: str) -> str:
-    """The SVG of a figure, ready to stand in a page that defines --ink, --soft, --faint, --paper.
+LARGEST_SVG = 200_000
+"""A figure of more bytes than this stands in the page as PNG."""
+
+
+def inline_figure(stem: Path, description: str) -> str:
+    """The figure `stem`.svg, or `stem`.png where that is much smaller, ready to stand in a page.
 
     description : what a reader who cannot see the figure is told
     """
+    label = description.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
+    drawn, painted = stem.with_name(f"{stem.name}.svg"), stem.with_name(f"{stem.name}.png")
+    if drawn.stat().st_size <= LARGEST_SVG:
+        return _inline_svg(drawn, label)
+    data = base64.b64encode(painted.read_bytes()).decode("ascii")
+    return f'<img alt="{label}" src="data:image/png;base64,{data}">'
+
+
+def _inline_svg(path: Path, label: str) -> str:
+    """The SVG for a page that defines --ink, --soft, --faint, --paper."""
     text = path.read_text(encoding="utf-8")
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>\s*", "", text, flags=re.DOTALL)
@@ -114,5 +129,4 @@ def inline_svg(path: Path, description: str) -> str:
     names = {INK: "--ink", SOFT: "--soft", FAINT: "--faint", PAPER: "--paper"}
     for colour, name in names.items():
         text = text.replace(colour, f"var({name})")
-    label = description.replace("&", "&amp;").replace('"', "&quot;").replace("<", "&lt;")
     return text.replace("<svg", f'<svg role="img" aria-label="{label}"', 1)

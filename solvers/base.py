@@ -114,7 +114,7 @@ class Solver(abc.ABC):
         if not (isinstance(self.accuracy, (int, float)) and 0 < self.accuracy < np.inf):
             raise ValueError(
                 f"accuracy = {self.accuracy!r}; give a positive number in ‖A δx‖, "
-                'None for each QP\'s own eps0, or "default" for the package\'s tolerances'
+                "None for each QP's own eps0, or \"default\" for the package's tolerances"
             )
 
     def asked(self, qp: ContactQP) -> float | None:

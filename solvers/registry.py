@@ -78,7 +78,7 @@ def solver_class(name: str) -> type[Solver]:
     if target is None:
         raise ValueError(f"unknown solver {name!r}; there are: {', '.join(_targets())}")
     module, _, attribute = target.partition(":")
-    return getattr(importlib.import_module(module), attribute)  # type: ignore[no-any-return]
+    return getattr(importlib.import_module(module), attribute)
 
 
 def make_solver(name: str, **options: Any) -> Solver:
