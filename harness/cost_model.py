@@ -11,19 +11,29 @@ when a solve needs more than c s*^r iterations; for c = r = 1, the paper's choic
 above.)
 
 C_QR and C_IT are counted from the sizes of A_F at the reference solution of each recorded QP, by
-the formulas that the paper's method counts its own work with (`solvers.active_set.flops`).
+the formulas that the paper's method counts its own work with (`solvers.active_set.flops`).  c and r
+are fitted to iterations that were counted at known ages of R (`fit_growth`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from math import inf
+from math import exp, inf, nan
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from harness.recording import Recording
 from problems.sequence import WARM_KINDS
 from solvers.active_set.flops import cg_iteration_flops, qr_flops
+
+CLASS_RATIO = 1.5
+"""Ages of R are gathered in classes, each reaching so many times further than the one before."""
+FEWEST = 5
+"""Fewest QPs of a class that its mean counts with."""
+RESAMPLES = 400
+"""Bootstrap resamples behind an interval of c and r."""
 
 
 @dataclass(frozen=True)
@@ -101,17 +111,112 @@ def criterion_of(recording: Recording) -> Criterion:
         f = int(np.linalg.matrix_rank(qp.dense_A[:, free])) if free.any() else 0
         if f:
             sizes.append((qp.m, f))
+    return criterion_of_sizes(recording.scene, sizes)
+
+
+def criterion_of_sizes(scene: str, sizes: Iterable[tuple[int, int]]) -> Criterion:
+    """Count C_QR and C_IT for factors A_F of these (m, f), f > 0, one per call of algorithm 2."""
+    sizes = [(int(m), int(f)) for m, f in sizes]
     if not sizes:
-        return Criterion(recording.scene, 0, 0.0, 0.0, 0.0, 0.0)
+        return Criterion(scene, 0, 0.0, 0.0, 0.0, 0.0)
     rows, columns = np.median(np.array(sizes), axis=0)
     return Criterion(
-        scene=recording.scene,
+        scene=scene,
         calls=len(sizes),
         rows=float(rows),
         free=float(columns),
         C_QR=float(np.mean([qr_flops(m, f) for m, f in sizes])),
         C_IT=float(np.mean([cg_iteration_flops(m, f) for m, f in sizes])),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Growth:
+    """Conjugate gradient iterations per call, c s^r, with s steps since the factorization.
+
+    c, r : least squares on logarithms of the means below, every class with the same weight
+    c_range, r_range : from the 5th to the 95th percentile over bootstrap resamples
+    ages : (n,) mean logarithmic age of each class;  means : (n,) iterations per call
+    counts : (n,) calls in each class
+    """
+
+    c: float
+    r: float
+    c_range: tuple[float, float]
+    r_range: tuple[float, float]
+    ages: NDArray[np.float64]
+    means: NDArray[np.float64]
+    counts: NDArray[np.int64]
+
+    def prediction(self) -> tuple[float, float]:
+        """(c, r) for the cost model, which knows no falling cost: r < 0 is r = 0 at the mean."""
+        if self.r > 0:
+            return self.c, self.r
+        return float(np.average(self.means, weights=self.counts)), 0.0
+
+
+def fit_growth(
+    ages: ArrayLike, iterations: ArrayLike, blocks: ArrayLike, *, seed: int = 0
+) -> Growth | None:
+    """Fit c s^r to iterations (n,) counted at ages s (n,); None with fewer than two classes.
+
+    blocks : (n,) number of the stretch of the motion that a call lies in.  Stretches, not calls,
+        are resampled for the ranges: neighbours in time are alike, and so are several runs over
+        the same stretch.
+
+    Ages are gathered in classes of equal width in log s (1, 2, 3, 4-5, 6-8, …), so that no end of
+    the range outweighs the other; classes of fewer than `FEWEST` calls, or in which no call needs
+    an iteration, are left out.  Calls of age 0 are not part of it.
+    """
+    age, count = np.asarray(ages, dtype=np.int64), np.asarray(iterations, dtype=np.float64)
+    used = age > 0
+    age, count, block = age[used], count[used], np.asarray(blocks, dtype=np.int64)[used]
+    if not age.size:
+        return None
+    member = np.searchsorted(_class_ends(int(age.max())), age)
+    _, block = np.unique(block, return_inverse=True)
+    shape = (int(block.max()) + 1, int(member.max()) + 1)
+    # calls, iterations and Σ log s of every stretch in every class
+    sums = np.zeros((3, *shape))
+    for table, values in zip(sums, (np.ones(age.size), count, np.log(age)), strict=True):
+        np.add.at(table, (block, member), values)
+    calls, total, logs = sums.sum(axis=1)
+    kept = (calls >= FEWEST) & (total > 0)
+    if kept.sum() < 2:
+        return None
+    sums, calls, total, logs = sums[:, :, kept], calls[kept], total[kept], logs[kept]
+    c, r = _power_law(logs / calls, total / calls)
+    random = np.random.default_rng(seed)
+    fits = []
+    for weights in random.multinomial(shape[0], np.full(shape[0], 1 / shape[0]), RESAMPLES):
+        n, cg, log_age = np.tensordot(weights, sums, axes=(0, 1))
+        there = cg > 0
+        if there.sum() >= 2:
+            fits.append(_power_law(log_age[there] / n[there], cg[there] / n[there]))
+    low, high = np.percentile(fits, [5, 95], axis=0) if fits else np.full((2, 2), nan)
+    return Growth(
+        c=c,
+        r=r,
+        c_range=(float(low[0]), float(high[0])),
+        r_range=(float(low[1]), float(high[1])),
+        ages=np.exp(logs / calls),
+        means=total / calls,
+        counts=calls.astype(np.int64),
+    )
+
+
+def _class_ends(oldest: int) -> list[int]:
+    """Last age of each class: 1, 2, 3, 5, 8, 12, 18, …"""
+    ends = [1]
+    while ends[-1] < oldest:
+        ends.append(max(ends[-1] + 1, round(CLASS_RATIO * ends[-1] + 1e-9)))
+    return ends
+
+
+def _power_law(log_s: NDArray[np.float64], means: NDArray[np.float64]) -> tuple[float, float]:
+    """(c, r) of the line through (log s, log mean)."""
+    r, log_c = np.polyfit(log_s, np.log(means), 1)
+    return exp(float(log_c)), float(r)
 
 
 def _check(C_QR: float, C_IT: float, c: float, r: float) -> None:
