@@ -1,4 +1,4 @@
-"""Scenes by name: built-in ones and entry points of the group `glambda.scenes`."""
+"""Scenes by name: the built-in ones and entry points of the group `glambda.scenes`."""
 
 from __future__ import annotations
 
@@ -13,12 +13,21 @@ from typing import Any
 
 from problems.scenes.scene import Scene
 
-BUILT_IN = {
+PAPER = {
     "fig2": "problems.scenes.fig2:fig2",
     "fig3": "problems.scenes.fig3:fig3",
     "fig4": "problems.scenes.fig4:fig4",
     "fig5": "problems.scenes.fig5:fig5",
 }
+"""The paper's examples."""
+FAMILIES = {
+    "tower": "problems.families:tower",
+    "wall": "problems.families:wall",
+    "pyramid": "problems.families:pyramid",
+    "heap": "problems.families:heap",
+}
+"""Scenes of any number of bodies."""
+BUILT_IN = PAPER | FAMILIES
 
 
 @cache
@@ -52,7 +61,8 @@ def describe_scene(name: str) -> tuple[str, dict[str, Any]]:
 
 
 def scene(name: str, **parameters: Any) -> Scene:
-    """Make the scene called `name`; parameters left out have the paper's values.
+    """Make the scene called `name`; parameters left out have their defaults,
+    which are the paper's values in the paper's scenes.
 
     Raises ValueError for an unknown scene or parameter, or a value of the wrong kind.
     """
