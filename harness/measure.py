@@ -5,8 +5,10 @@
 2. The garbage collector runs before a pass and sleeps during it, so that no solver pays for
    another's litter.
 3. The solver's own clocks tell build, setup and solve; ours, around the whole call, `call_time`.
-4. A backend that raises loses that QP, not the pass.  One that has overstepped the time limit
-   `PATIENCE` times in a row is not tried on the rest.
+4. A backend that raises, or returns no Solution, loses that QP, not the pass.  One that has
+   overstepped the time limit `PATIENCE` times in a row is not tried on the rest.
+5. After the pass the QPs are compared with what they were (`Inputs`): one that a backend has
+   written into, which compiled code can, is put right, and the backend loses that QP.
 """
 
 from __future__ import annotations
@@ -14,17 +16,21 @@ from __future__ import annotations
 import gc
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from problems.qp import ContactQP, Solution, Vector, WorkCounts
+from problems.qp import ContactQP, Solution, Status, Vector, WorkCounts
 from problems.sequence import WARM_KINDS
 from solvers.base import Solver, Unsupported
 
 PATIENCE = 20
 """Solves in a row beyond the time limit after which the rest of a pass is given up."""
+
+WROTE = "wrote into the QP that it was given; the answer is not judged"
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +54,60 @@ class Outcome:
     after_restart: bool = False
 
 
+def _outcome_of(
+    solution: Solution, qp: ContactQP, late: bool, warm_started: bool, alone: bool
+) -> Outcome:
+    """What a call returned, once it is sure to be a Solution that can be judged and stored."""
+    if not isinstance(solution, Solution) or not isinstance(solution.status, Status):
+        raise TypeError("the solver returned no Solution with a Status")
+    x = None if solution.x is None else np.array(solution.x, dtype=np.float64)
+    if x is not None and x.shape != (qp.k,):
+        raise ValueError(f"the solver returned x of shape {x.shape}; expected ({qp.k},)")
+    return Outcome(
+        verdict="timeout" if late else None,
+        x=x,
+        found=solution.found,
+        status=solution.status.name,
+        status_text=str(solution.status_text),
+        iterations=int(solution.iterations),
+        work=solution.work,
+        warm_started=warm_started,
+        after_restart=alone,
+    )
+
+
+class Inputs:
+    """The arrays of a sequence of QPs as they were, to tell what a backend has written into.
+
+    They are read-only to Python, but a compiled backend need not ask.
+    """
+
+    def __init__(self, qps: Sequence[ContactQP]) -> None:
+        self._kept = [[(array, array.tobytes()) for array in _arrays_of(qp)] for qp in qps]
+
+    def restore(self) -> set[int]:
+        """Put right what was changed; returns the positions of the QPs concerned."""
+        changed = set()
+        for i, kept in enumerate(self._kept):
+            for array, content in kept:
+                if array.tobytes() != content:
+                    array.setflags(write=True)
+                    array[...] = np.frombuffer(content, array.dtype).reshape(array.shape)
+                    changed.add(i)
+                array.setflags(write=False)
+        return changed
+
+
+def _arrays_of(qp: ContactQP) -> list[NDArray[Any]]:
+    """Everything of a QP that is handed to a backend as an array."""
+    A: Any = qp.A
+    parts = [A.data, A.indices, A.indptr] if sp.issparse(A) else [A]
+    parts += [qp.d, qp.lower, qp.upper, qp.row_id, qp.D]
+    if sp.issparse(A) and "dense_A" in vars(qp):
+        parts.append(qp.dense_A)
+    return parts
+
+
 def run_pass(
     solver: Solver,
     qps: Sequence[ContactQP],
@@ -68,8 +128,10 @@ def run_pass(
     outcomes: list[Outcome] = []
     times = np.full((len(qps), 4), np.nan)
     last: Solution | None = None
+    solution: Solution | None
     fresh, slow, told = True, 0, 0
     clock = time.perf_counter
+    inputs = Inputs(qps)
     gc.collect()
     was_enabled = gc.isenabled()
     gc.disable()
@@ -89,35 +151,26 @@ def run_pass(
             t0 = clock()
             try:
                 solution = solver.solve(qp, start)
+                t1 = clock()
+                outcome = _outcome_of(solution, qp, t1 - t0 > time_limit, start is not None, alone)
+                timing = solution.timing
+                times[i] = timing.build, timing.setup, timing.solve, t1 - t0
             except Unsupported as reason:
                 outcomes.append(Outcome("skipped", status_text=str(reason), after_restart=alone))
                 continue
-            except Exception as error:  # any backend may raise anything; the study goes on
-                times[i, 3] = clock() - t0
-                text = f"{type(error).__name__}: {error}"
-                outcomes.append(Outcome("failed", status_text=text, after_restart=alone))
-                last = None if grouped else last
-                continue
-            t1 = clock()
-            timing = solution.timing
-            times[i] = timing.build, timing.setup, timing.solve, t1 - t0
-            late = t1 - t0 > time_limit
-            slow = slow + 1 if late else 0
+            except KeyboardInterrupt:
+                raise
+            # Any backend may raise anything, a panic of Rust or SystemExit too; the study goes on.
+            except BaseException as error:
+                t1 = clock()
+                times[i, 3] = t1 - t0
+                text = " ".join(f"{type(error).__name__}: {error}".split())
+                outcome = Outcome("failed", status_text=text, after_restart=alone)
+                solution = None
+            outcomes.append(outcome)
+            slow = slow + 1 if t1 - t0 > time_limit else 0
             if grouped:
                 last = solution
-            outcomes.append(
-                Outcome(
-                    verdict="timeout" if late else None,
-                    x=solution.x,
-                    found=solution.found,
-                    status=solution.status.name,
-                    status_text=solution.status_text,
-                    iterations=solution.iterations,
-                    work=solution.work,
-                    warm_started=start is not None,
-                    after_restart=alone,
-                )
-            )
             if advance is not None and (i & 31) == 31:
                 advance(i + 1 - told)
                 told = i + 1
@@ -126,6 +179,9 @@ def run_pass(
     finally:
         if was_enabled:
             gc.enable()
+    for i in inputs.restore():
+        if i < len(outcomes):
+            outcomes[i] = replace(outcomes[i], verdict="failed", status_text=WROTE, x=None)
     if advance is not None:
         advance(len(outcomes) - told)
     return outcomes, times

@@ -90,7 +90,41 @@ class Silent(Oracle):
         return None if native.t < 0.02 else np.full(native.k, np.nan)
 
 
-CROOKED = {"right": Oracle, "liar": Liar, "choosy": Choosy, "slow": Slow, "silent": Silent}
+@dataclass(frozen=True)
+class Scribbler(Oracle):
+    """Writes into what it is given, past the read-only flag, as compiled code can."""
+
+    warm_start: ClassVar[str] = "none"
+
+    def run(self, native: Any) -> Any:
+        x = super().run(native)
+        if native.t in (0.01, 0.02):
+            native.d.setflags(write=True)
+            native.d[:] = 0.0
+        return x
+
+
+@dataclass(frozen=True)
+class Empty(Oracle):
+    """Returns nothing, not even a Solution; at one QP it wants to leave the program."""
+
+    warm_start: ClassVar[str] = "none"
+
+    def solve(self, qp: ContactQP, start: Solution | None = None) -> Any:
+        if qp.t == 0.01:
+            raise SystemExit(3)
+        return None
+
+
+CROOKED = {
+    "right": Oracle,
+    "liar": Liar,
+    "choosy": Choosy,
+    "slow": Slow,
+    "silent": Silent,
+    "scribbler": Scribbler,
+    "empty": Empty,
+}
 
 
 @pytest.fixture(autouse=True)
@@ -170,6 +204,27 @@ def test_cold_arms_get_no_start_and_rows_tell_the_restarts() -> None:
 def test_a_solver_without_warm_start_has_no_warm_arm() -> None:
     rows = replay(fake_recording(), ["choosy"], repeats=1)
     assert set(rows["arm"]) == {"cold"}
+
+
+def test_whoever_writes_into_a_qp_harms_nobody_else() -> None:
+    made = fake_recording()
+    before = [qp.d.copy() for qp in made.qps]
+    rows = replay(made, ["scribbler", "right"], ["paper", "high"], ["cold"])
+    for qp, d in zip(made.qps, before, strict=True):
+        np.testing.assert_array_equal(qp.d, d)
+        assert not qp.d.flags.writeable
+    assert (rows.loc[rows["solver"] == "right", "verdict"] == "verified").all()
+    wrote = rows[(rows["solver"] == "scribbler") & rows["step"].isin([1, 2])]
+    assert len(wrote) == 4
+    assert (wrote["verdict"] == "failed").all()
+    assert wrote["status_text"].str.contains("wrote into the QP").all()
+
+
+def test_no_solution_and_an_exit_are_rows() -> None:
+    rows = replay(fake_recording(), ["empty"], ["paper"], ["cold"], repeats=1)
+    assert (rows["verdict"] == "failed").all()
+    assert rows.loc[1, "status_text"] == "SystemExit: 3"
+    assert rows.loc[0, "status_text"] == "TypeError: the solver returned no Solution with a Status"
 
 
 def test_skips_and_exceptions_are_rows() -> None:
