@@ -43,11 +43,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.recording_layout import FIELDS, MAY_BE_INFINITE, check_lengths, pack, unpack
-from problems.qp import ContactQP, Solution, Vector
+from problems.qp import AT_LOWER, AT_UPPER, FREE, PASSIVE, ContactQP, Solution, Vector
 
 FORMAT = "glambda recording"
 VERSION = 1
 REMEDY = "record the scene again with 'glambda record'"
+MEMBERS = (AT_LOWER, FREE, AT_UPPER, PASSIVE)
 
 
 Wrong = Callable[[str, str], "RecordingError"]
@@ -119,7 +120,12 @@ def write_recording(path: str | os.PathLike[str], recording: Recording) -> None:
     """
     path = Path(path)
     arrays = pack(recording)
-    check_lengths(arrays, lambda name, what: ValueError(f"recording: {name}: {what}"))
+
+    def wrong(name: str, what: str) -> ValueError:
+        return ValueError(f"recording: {name}: {what}")
+
+    check_lengths(arrays, wrong)
+    _check_label(recording.scene, wrong)
     header, counts = _header(recording), {n: int(c) for n, c in recording.counts.items()}
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -173,13 +179,17 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
             if bad.any():
                 where = np.argwhere(bad)[0].tolist()
                 raise wrong(name, f"holds {array[tuple(where)]} at index {where}")
+    if (arrays["references/error_bound"] < 0).any():
+        raise wrong("references/error_bound", "is negative somewhere")
+    if not np.isin(arrays["solutions/working_set"], MEMBERS).all():
+        raise wrong("solutions/working_set", f"holds something else than {MEMBERS}")
     try:
         content = unpack(arrays)
         content["references"] = tuple(r and Reference(*r) for r in content["references"])
         content["events"] = tuple(Event(*event) for event in content["events"])
         return Recording(
             scene=header["scene"],
-            parameters=json.loads(header["parameters"]),
+            parameters=_parameters(header["parameters"]),
             eps=header["eps"],
             gravity=header["gravity"],
             code_version=code_version,
@@ -201,10 +211,26 @@ def _read_header(file: h5py.File, wrong: Wrong) -> dict[str, Any]:
         if key not in file.attrs:
             raise wrong(key, "is missing")
         header[key] = kind(file.attrs[key])
+        if kind is float and not np.isfinite(header[key]):
+            raise wrong(key, f"is {header[key]}; it must be finite")
+    _check_label(header["scene"], wrong)
     for key in ("code_version", "digest"):
         if key not in file.attrs:
             raise wrong(key, "is missing")
     return header
+
+
+def _check_label(label: str, wrong: Callable[[str, str], ValueError]) -> None:
+    """Refuse a label that is no file name: recordings and shards are stored under it."""
+    if not label.isprintable() or not label.strip(". ") or {*"/\\"} & {*label} or len(label) > 200:
+        raise wrong("scene", f"is {label[:60]!r}, which cannot be the name of a file")
+
+
+def _parameters(text: str) -> dict[str, Any]:
+    values = json.loads(text)
+    if not isinstance(values, dict):
+        raise ValueError("parameters: is no JSON object of names and values")
+    return values
 
 
 def _read_arrays(file: h5py.File, size: int, wrong: Wrong) -> dict[str, NDArray[Any]]:

@@ -224,6 +224,44 @@ def test_contradictions_are_refused_even_if_signed(file: Path) -> None:
     assert "kind 'nonsense' is unknown" in refusal(file)
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("scene", "../../elsewhere/x", "scene: is '../../elsewhere/x', which cannot be the name"),
+        ("scene", "\x1b[31mred", "cannot be the name of a file"),
+        ("scene", "..", "cannot be the name of a file"),
+        ("parameters", "[1, 2]", "no JSON object"),
+        ("parameters", "{", "content"),
+        ("eps", float("nan"), "eps: is nan; it must be finite"),
+        ("gravity", float("inf"), "gravity: is inf; it must be finite"),
+    ],
+)
+def test_bad_attributes_are_refused_even_if_signed(
+    file: Path, name: str, value: object, words: str
+) -> None:
+    with h5py.File(file, "r+") as raw:
+        raw.attrs[name] = value
+    sign_again(file)
+    assert words in refusal(file)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("solutions/working_set", 77), ("references/error_bound", -1.0)]
+)
+def test_values_out_of_range_are_refused_even_if_signed(
+    file: Path, name: str, value: float
+) -> None:
+    edit(file, name, lambda values: np.full_like(values, value))
+    sign_again(file)
+    assert f"{name}: " in refusal(file)
+
+
+def test_a_label_that_is_no_file_name_is_not_written(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="cannot be the name of a file"):
+        write_recording(tmp_path / "x.h5", replace(fake_recording(), scene="a/b"))
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_bad_sparse_structure_is_refused_even_if_signed(file: Path) -> None:
     edit(file, "qps/A_indices", lambda indices: indices + 10_000)
     sign_again(file)
