@@ -6,7 +6,7 @@ still a page.  What is missing is said in `Results.missing`, never passed over.
 
 1. Read the recordings and the rows.
 2. Check that the rows have the columns that the tables need, that no (solver, settings, arm, QP)
-   occurs twice, and that one scene has one recording.
+   occurs twice, that one scene has one recording, and that it is the one that is stored.
 3. Add what every table needs: `verified`, `skipped`, `asked_ratio` = error / accuracy asked.
 """
 
@@ -182,6 +182,13 @@ def load_results(folder: str | Path) -> Results:
             raise ValueError(f"{folder} holds two recordings of {recording.scene}; keep one")
         recordings[recording.scene] = recording
     rows = prepare(read_results(folder)) if solved else empty_rows()
+    for scene, digest in rows.groupby("scene")["recording_digest"].first().items():
+        if scene in recordings and recordings[scene].digest != digest:
+            raise ValueError(
+                f"{folder}: the solves of {scene} are of another recording (digest "
+                f"{digest[:12]}…) than recordings/{scene}.h5 ({recordings[scene].digest[:12]}…); "
+                "a report must not mix them: replay into an empty folder"
+            )
     return Results(rows, recordings, tuple(_missing(rows, recordings)))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -488,6 +489,18 @@ def test_a_real_folder_from_recording_to_page(tmp_path):
     assert "2 of 2" in page.read_text(encoding="utf-8")
     table = warm_table(results, "paper").data
     assert table.set_index("solver").loc["lotstedt", "QPs"] == 7
+
+
+def test_solves_of_another_recording_than_the_stored_one_are_refused(tmp_path):
+    from harness.recording import write_recording
+    from harness.replay import replay
+
+    recording = make_recording("fig2")
+    replay(recording, ["scipy_bvls"], results=tmp_path, repeats=1)
+    other = replace(recording, eps=2 * recording.eps)
+    write_recording(tmp_path / "recordings" / "fig2.h5", other)
+    with pytest.raises(ValueError, match="solves of fig2 are of another recording"):
+        load_results(tmp_path)
 
 
 # Pictures
