@@ -100,6 +100,8 @@ def replay(
                 raise ValueError(f"{what} {name!r} is unknown; choose from {', '.join(known)}")
     if repeats < 1:
         raise ValueError(f"repeats = {repeats}; at least one pass is needed")
+    if not time_limit > 0:
+        raise ValueError(f"time_limit = {time_limit}; give a positive number of seconds")
     if isinstance(recordings, (Recording, str, Path)):
         recordings = [recordings]
     loaded = [r if isinstance(r, Recording) else read_recording(r) for r in recordings]

@@ -182,6 +182,7 @@ class Store:
         path = self.folder / "solves" / f"{key.name}.parquet"
         if not path.exists():
             return None
+        times_path = self.folder / "repeats" / f"{key.name}.parquet"
         table, stored = _read_table(path)
         for name, value in asdict(key).items():
             if stored[name] != value:
@@ -189,7 +190,9 @@ class Store:
                     f"{path}: made with {name} {stored[name]!r}, now {value!r}; "
                     "results may not be mixed: use another results folder, or delete this file"
                 )
-        repeats, _ = _read_table(self.folder / "repeats" / f"{key.name}.parquet")
+        if not times_path.exists():
+            return None  # somebody has deleted it: the shard is made anew
+        repeats, _ = _read_table(times_path)
         times = np.column_stack([repeats[name].to_numpy(zero_copy_only=False) for name in TIMES])
         study = table["study"][0].as_py() if table.num_rows else ""
         rows = table.drop_columns([*FROM_KEY, *FROM_PASSES, "study"]).to_pylist()

@@ -146,8 +146,14 @@ def _is_current(recording: Recording, scene: Any, until: float | None) -> bool:
 def run_study(plan: Plan, results: Path, *, progress: Progress | None = None) -> list[Recording]:
     """Record and replay; the report is the command line's to call, since it is another package's.
 
-    Raises as `record` and `replay` do.  Whatever was finished before an interruption is kept.
+    Raises ValueError for a plan without scenes or with unknown ones, before anything is written,
+    and else as `record` and `replay` do.  Whatever was finished before an interruption is kept.
     """
+    if not plan.scenes:
+        raise ValueError("the study has no scenes; name some, or leave the option out")
+    for label in plan.scenes:
+        name, parameters = parse_label(label)
+        make_scene(name, **parameters)
     solvers = plan.named_solvers()
     store = Store(results)
     store.write_study(

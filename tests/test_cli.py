@@ -292,6 +292,15 @@ def test_study_end_to_end_and_resumed(tmp_path: Path, monkeypatch: pytest.Monkey
     assert before == {p: p.stat().st_mtime_ns for p in folder.rglob("*.parquet")}
 
 
+@pytest.mark.parametrize(
+    ("scenes", "words"), [("", "the study has no scenes"), ("fig3 fig9", "unknown scene 'fig9'")]
+)
+def test_a_study_that_cannot_be_writes_nothing(tmp_path: Path, scenes: str, words: str) -> None:
+    folder = tmp_path / "results"
+    assert_told(glambda("study", "--scenes", scenes, "--results", folder), words)
+    assert not folder.exists()
+
+
 def test_study_will_not_mix_two_recordings_of_a_scene(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

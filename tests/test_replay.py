@@ -345,6 +345,8 @@ def test_recordings_may_be_paths(tmp_path: Path) -> None:
         ({"settings": ["loose"]}, "setting 'loose' is unknown"),
         ({"arms": ["tepid"]}, "arm 'tepid' is unknown"),
         ({"repeats": 0}, "at least one pass"),
+        ({"time_limit": float("nan")}, "time_limit = nan"),
+        ({"time_limit": 0.0}, "time_limit = 0.0"),
         ({"solvers": ["nobody"]}, "unknown solver 'nobody'"),
     ],
 )

@@ -91,6 +91,13 @@ def test_load_gives_back_what_was_saved(tmp_path: Path) -> None:
     assert again["iterations"].isna().tolist() == [False, False, True]
 
 
+def test_a_shard_whose_repeats_are_gone_is_made_anew(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    store.save(shard())
+    (tmp_path / "repeats" / f"{KEY.name}.parquet").unlink()
+    assert store.load(KEY) is None
+
+
 @pytest.mark.parametrize(
     ("field", "value"),
     [
