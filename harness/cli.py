@@ -423,6 +423,30 @@ def verify(
 
 @app.command()
 @told
+def criterion(
+    files: Files,
+    repeats: Annotated[int, typer.Option(min=1, help="fewest timed runs of each rule")] = 5,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="folder for tables and figures")
+    ] = None,
+) -> None:
+    """When should the paper's method factorize anew? Rules and intervals, counted and timed.
+
+    Example:  glambda criterion recordings/*.h5 -o criterion
+    """
+    from harness.criterion import measure_files
+    from harness.progress import shown
+    from reports.criterion_report import print_criterion, write_criterion
+
+    with shown("criterion", _console(err=True)) as tell:
+        measured = measure_files(files, repeats=repeats, progress=tell)
+    print_criterion(_console(), measured)
+    if output is not None:
+        typer.echo(str(write_criterion(measured, output)))
+
+
+@app.command()
+@told
 def report(
     results: Annotated[Path, typer.Argument(help="results folder")],
     output: Annotated[Path, typer.Option("-o", "--output", help="folder")] = Path("report"),

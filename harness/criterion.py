@@ -13,6 +13,8 @@ it be factorized?  The rules that are compared:
     fitted          as paper, with the threshold c s*^r of the fitted c and r
     online          when the average cost since the last factorization stops falling, with no
                     assumption on c and r (`harness.online_rule`)
+    online timed    the same, with a factorization priced by its time and not by its operations;
+                    what it does then depends on the machine, and may change from run to run
 
 What is done, for one recording:
 
@@ -22,17 +24,14 @@ What is done, for one recording:
 2. C_QR and C_IT are counted from these sizes; c and r are fitted to the iterations of all runs,
    each QP at the age of its R (`harness.cost_model`).
 3. The intervals predicted and the other rules are run.
-4. All runs are repeated, in turn; the least time of each QP counts.  Seconds per factorization and
-   per iteration are fitted to these times and the counts.
+4. All runs are repeated, in turn, short ones more often; the least time of each QP counts.
+   Seconds per factorization and per iteration are fitted to these times and the counts.
 5. A and R are compared with what they were s steps earlier (`harness.drift`).
 
 A cost is the mean of all counted operations, or of the time (setup and solve), over the QPs that
 have a predecessor and a free column: what a restart costs is the same under every rule.  The regret
 of a rule is its cost over that of the best fixed interval, less 1.  A rule that tells QPs apart can
 beat every fixed interval; then it is negative.
-
-`online` and `paper deferred` are run from outside: before each QP the harness hands the solver's
-last solution either to the solver that keeps R or to one that gives it up.
 """
 
 from __future__ import annotations
@@ -40,9 +39,9 @@ from __future__ import annotations
 import gc
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from math import ceil, inf, sqrt
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from math import ceil, inf, isfinite
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -57,66 +56,40 @@ from harness.cost_model import (
     threshold,
 )
 from harness.drift import drift, predicted_exponent
-from harness.online_rule import Cycle, average_stopped_falling, one_more
-from harness.recording import Recording
+from harness.factor_rules import (
+    Link,
+    Rule,
+    beyond_threshold,
+    drive,
+    fixed,
+    online,
+    sequence,
+    stopping_at,
+)
+from harness.recording import Recording, read_recording
 from harness.threads import one_thread
 from harness.unit_times import UnitTimes, fit_unit_times
-from problems.qp import FREE, ContactQP, Solution
-from problems.sequence import WARM_KINDS
-from solvers import make_solver
-from solvers.active_set.flops import cg_iteration_flops, qr_flops
-from solvers.base import Solver
 
 SWEEP = (1, 2, 3, 5, 8, 12, 18, 25, 40, 60, 100, inf)
 """Fixed intervals that are tried."""
-NEVER = 10**9
-"""As an interval of the solver: longer than any recording."""
 RULES = (
     *("always", "never", "s* paper", "s* fitted"),
-    *("paper", "paper deferred", "fitted", "online"),
+    *("paper", "paper deferred", "fitted", "online", "online timed"),
 )
 """The rules in the order of tables."""
 BLOCK = 10
 """QPs in a row that are resampled together for the ranges of c and r."""
 SLOW_PASS = 10.0
 """[s] A run that takes longer is not repeated."""
+ENOUGH = 0.1
+"""[s] A run that takes less is repeated until it has taken as much, …"""
+MOST_TURNS = 20
+"""… but no more often than this, unless asked for."""
 WARM_UP = 20
 """QPs that are solved before the clock matters."""
 
-COUNTS = (
-    *("descent_directions", "working_set_changes", "qr_factorizations", "qr_updates"),
-    *("cg_iterations", "flops"),
-)
-
-Decision = Callable[[Cycle, float, float], bool]
-"""(the cycle so far, C_QR, C_IT) → factorize at the next QP?"""
 Progress = Callable[[str, float, float], None]
 """Called with what is being done, how much of it is done, and how much there is."""
-
-
-class Link(NamedTuple):
-    """A QP of the sequence: its place in the recording, and the restart that it follows."""
-
-    place: int
-    qp: ContactQP
-    chain: int
-    warm: bool
-
-
-@dataclass(frozen=True)
-class Rule:
-    """When to factorize: by the solver's own settings, or by a decision after each QP.
-
-    name : how it is called in tables
-    options : of `make_solver("lotstedt", …)`
-    decide : None for the solver's own rule
-    interval : of a fixed interval, else None
-    """
-
-    name: str
-    options: Mapping[str, Any] = field(default_factory=dict)
-    decide: Decision | None = None
-    interval: float | None = None
 
 
 @dataclass(eq=False)
@@ -204,8 +177,8 @@ def measure(
 ) -> Measurement | None:
     """Measure the criterion on a recording; None where no QP of it starts warm with a free column.
 
-    repeats : timed runs of each rule; counts are those of any
-    progress : called with the name of a rule, and the QPs solved, of all
+    repeats : fewest timed runs of each rule
+    progress : called with the name of a rule and the part of the work that is done, of 1
     """
     links = sequence(recording)
     longest = int(np.bincount([link.chain for link in links]).max()) if links else 0
@@ -237,13 +210,15 @@ def measure(
         for rule in (
             Rule("paper"),
             Rule("paper deferred", decide=beyond_threshold),
-            _stopping_at(limit, int(sizes[:, 1].max())),
-            Rule("online", decide=lambda cycle, C_QR, _: average_stopped_falling(cycle, C_QR)),
+            stopping_at(limit, int(sizes[:, 1].max())),
+            online(),
         ):
             rules[rule.name] = bench.first(rule)
+        price = bench.unit_times().ratio * C_IT / C_QR
+        rules["online timed"] = bench.first(online(price)) if isfinite(price) else rules["online"]
         bench.repeat()
     runs = [sweep[s] for s in sorted(sweep)]
-    times = fit_unit_times([run.steps[run.steps["counted"]] for run in bench.runs])
+    times = bench.unit_times()
     qps, chains = [link.qp for link in links], [link.chain for link in links]
     if progress is not None:
         progress("how far A moves", 1.0, 1.0)
@@ -263,75 +238,36 @@ def measure(
     )
 
 
-def sequence(recording: Recording) -> list[Link]:
-    """The QPs that a warm start can serve, in order, with the restarts between them."""
-    links: list[Link] = []
-    chain = -1
-    for place, qp in enumerate(recording.qps):
-        if qp.kind not in WARM_KINDS:
-            continue
-        warm = bool(links) and not qp.restart
-        chain += not warm
-        links.append(Link(place, qp, chain, warm))
-    return links
+def measure_files(
+    paths: Sequence[str | Path], *, repeats: int = 5, progress: Progress | None = None
+) -> list[Measurement]:
+    """Measure the criterion on recordings; those on which nothing starts warm are left out.
 
-
-def fixed(interval: float) -> Rule:
-    """Factorize every so many QPs; inf: never."""
-    steps = NEVER if interval == inf else int(interval)
-    return Rule(f"interval {interval:g}", {"interval": steps}, None, interval)
-
-
-def beyond_threshold(cycle: Cycle, C_QR: float, C_IT: float) -> bool:
-    """The last QP took more than √(2 C_QR/C_IT) iterations, rounded up as the solver does."""
-    return cycle.last > ceil(sqrt(2 * C_QR / C_IT)) * C_IT
-
-
-def _stopping_at(limit: float, largest: int) -> Rule:
-    """The solver's rule with this threshold; one that conjugate gradients never reach is never."""
-    if limit > 2 * largest:
-        return Rule("fitted", {"interval": NEVER})
-    return Rule("fitted", {"cg_limit": ceil(limit)})
-
-
-def drive(
-    links: Sequence[Link], rule: Rule, free: list[NDArray[np.int64]] | None = None
-) -> pd.DataFrame:
-    """Solve the sequence under a rule; the columns of `Run.steps`.
-
-    free : receives the row_ids of the free columns of each QP
+    Raises RecordingError (a ValueError) for a file that is no recording, before anything is run,
+    and ValueError where nothing is left.
     """
-    keep: Solver = make_solver("lotstedt", **rule.options)
-    renew = keep
-    if rule.decide is not None:
-        keep = make_solver("lotstedt", interval=NEVER)
-        renew = make_solver("lotstedt", interval=1)
-    last: Solution | None = None
-    cycle, age, due = Cycle(), 0, False
-    rows = []
-    for link in links:
-        start = last if link.warm else None
-        last = (renew if due else keep).solve(link.qp, start)
-        work, timing = last.work, last.timing
-        if work is None:
-            raise ValueError("the paper's method returned no work counts")
-        m, f = link.qp.m, int(np.count_nonzero(last.working_set == FREE))
-        factorized = start is None or work.qr_factorizations > 0
-        age = 0 if factorized else age + 1
-        due = False
-        if rule.decide is not None and f:
-            C_QR, C_IT = qr_flops(m, f), cg_iteration_flops(m, f)
-            cycle = one_more(cycle, factorized, work.cg_iterations, work.descent_directions, C_IT)
-            due = rule.decide(cycle, C_QR, C_IT)
-        if free is not None:
-            free.append(last.row_id[last.working_set == FREE])
-        counts = [getattr(work, name) for name in COUNTS]
-        rows.append(
-            (link.place, link.chain, link.warm, age, *counts, m, f, timing.setup + timing.solve)
+    recordings = [read_recording(path) for path in paths]
+    total = sum(len(recording.qps) for recording in recordings)
+    done, measured = 0, []
+    for recording in recordings:
+
+        def tell(
+            what: str, part: float, of: float, recording: Recording = recording, done: int = done
+        ) -> None:
+            if progress is not None:
+                share = len(recording.qps) * part / of
+                progress(f"{recording.scene}: {what}", done + share, total)
+
+        found = measure(recording, repeats=repeats, progress=tell)
+        if found is not None:
+            measured.append(found)
+        done += len(recording.qps)
+    if not measured:
+        raise ValueError(
+            "no QP of these recordings starts warm with a free column, so there is no criterion "
+            "to measure; record a longer motion"
         )
-    columns = ["place", "chain", "warm", "age", *COUNTS, "m", "f", "runtime"]
-    steps = pd.DataFrame(rows, columns=columns)
-    return steps.astype({"warm": bool})
+    return measured
 
 
 class _Bench:
@@ -342,7 +278,6 @@ class _Bench:
         self.free: list[NDArray[np.int64]] = []
         self.counted: NDArray[np.bool_] | None = None
         self.runs: list[Run] = []
-        self.done = 0
 
     def warm_up(self) -> None:
         """Let what is compiled or loaded at first use be compiled and loaded."""
@@ -363,18 +298,29 @@ class _Bench:
 
     def repeat(self) -> None:
         """Run everything again, in turn, and keep the least time of each QP."""
-        for _ in range(self.repeats - 1):
-            for run in self.runs:
-                self._tell(run.rule.name)
-                if run.steps["runtime"].sum() < SLOW_PASS:
+        turns = [self._turns(float(run.steps["runtime"].sum())) for run in self.runs]
+        for turn in range(max(turns, default=0)):
+            self._tell(f"times, turn {turn + 1}", turn / max(turns))
+            for run, wanted in zip(self.runs, turns, strict=True):
+                if turn < wanted:
                     again = drive(self.links, run.rule)["runtime"]
                     run.steps["runtime"] = np.fmin(run.steps["runtime"], again)
 
-    def _tell(self, what: str) -> None:
+    def _turns(self, seconds: float) -> int:
+        """How often a run of so many seconds is repeated."""
+        if seconds > SLOW_PASS:
+            return 0
+        return max(self.repeats - 1, min(MOST_TURNS, ceil(ENOUGH / max(seconds, 1e-9))))
+
+    def unit_times(self) -> UnitTimes:
+        """Seconds per factorization and iteration, from all runs so far."""
+        return fit_unit_times([run.steps[run.steps["counted"]] for run in self.runs])
+
+    def _tell(self, what: str, repeated: float = 0.0) -> None:
+        """The first runs are the first half of the bar, their repetition the second."""
         if self.progress is not None:
-            total = self.repeats * (len(SWEEP) + 6)
-            self.progress(what, min(self.done, total), total)
-        self.done += 1
+            share = min(1.0, len(self.runs) / (len(SWEEP) + 7))
+            self.progress(what, 0.5 * (share + repeated), 1.0)
 
 
 @contextmanager

@@ -10,6 +10,8 @@ over many solves, none of the coefficients negative.
 1. Solves with the same four counts make a cell, and stand in it by their median, so that an
    interruption of a single solve does not matter.
 2. A cell weighs as much as it has solves.
+3. Small cells may still hold interruptions.  A cell further off than twice the typical deviation
+   weighs less in proportion, and the fit is repeated (Huber's weights).
 
 Sizes differ within a recording, so that the coefficients are averages over it.  Where a count is
 a combination of the others in every cell (always one iteration per direction, say), what it costs
@@ -20,12 +22,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import inf, sqrt
+from math import nan, sqrt
 
 import numpy as np
 import pandas as pd
 from scipy.optimize import nnls
 
+ROUNDS = 20
+"""Fits with weights from the one before."""
+FAR = 2.0
+"""Deviations, in units of the median one, from which a cell loses weight."""
+NEAR = 1e-3
+"""[µs] Deviations below this are nothing."""
 PARTS = ("qr_factorizations", "cg_iterations", "descent_directions", "working_set_changes")
 """Counts that the time of a solve is explained by."""
 
@@ -48,8 +56,14 @@ class UnitTimes:
 
     @property
     def threshold(self) -> float:
-        """√(2 t_QR/t_IT); NaN where unknown, inf where no iteration was seen to cost time."""
-        return sqrt(2 * self.factorization / self.iteration) if self.iteration != 0 else inf
+        """√(2 t_QR/t_IT)."""
+        return sqrt(2 * self.ratio)
+
+    @property
+    def ratio(self) -> float:
+        """t_QR/t_IT; NaN where either is unknown or was not seen to cost time."""
+        known = self.factorization > 0 and self.iteration > 0
+        return self.factorization / self.iteration if known else nan
 
 
 def fit_unit_times(solves: Iterable[pd.DataFrame]) -> UnitTimes:
@@ -63,12 +77,18 @@ def fit_unit_times(solves: Iterable[pd.DataFrame]) -> UnitTimes:
     cells = rows.groupby(list(PARTS), sort=True)["runtime"].agg(["median", "size"]).reset_index()
     X = np.column_stack([cells[list(PARTS)].to_numpy(float), np.ones(len(cells))])
     y, weights = 1e6 * cells["median"].to_numpy(float), cells["size"].to_numpy(float)
-    scaled = np.sqrt(weights)
-    found, rest = nnls(X * scaled[:, None], y * scaled)
+    sizes = weights
+    for _ in range(ROUNDS):
+        root = np.sqrt(weights)
+        found, _ = nnls(X * root[:, None], y * root)
+        deviation = np.abs(y - X @ found)
+        far = max(FAR * float(np.median(np.repeat(deviation, sizes.astype(int)))), NEAR)
+        weights = sizes * far / np.maximum(deviation, far)
     total = float(weights @ (y - np.average(y, weights=weights)) ** 2)
+    rest = float(weights @ deviation**2)
     rank = np.linalg.matrix_rank(X)
     for part in range(len(PARTS)):
         if np.linalg.matrix_rank(np.delete(X, part, axis=1)) == rank:
             found[part] = np.nan
     qr, cg, direction, change, other = (1e-6 * float(value) for value in found)
-    return UnitTimes(qr, cg, direction, change, other, 1.0 - rest**2 / total if total else 1.0)
+    return UnitTimes(qr, cg, direction, change, other, 1.0 - rest / total if total else 1.0)

@@ -1,0 +1,61 @@
+"""What `glambda criterion` prints and writes: the tables and figures of the criterion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.text import Text
+
+from harness.criterion import Measurement
+from harness.display import table as rich_table
+from reports.criterion_figures import plot_growth, plot_sweep
+from reports.criterion_growth import age_table, growth_table, premise_table
+from reports.criterion_sweep import costs_table, interval_table, regret_table, runs_table
+from reports.table import Table
+
+
+def tables_of(measured: Sequence[Measurement]) -> list[Table]:
+    """All tables but the one of every run."""
+    return [
+        costs_table(measured),
+        growth_table(measured),
+        interval_table(measured),
+        regret_table(measured, "flops"),
+        regret_table(measured, "runtime"),
+        premise_table(measured),
+        age_table(measured),
+    ]
+
+
+def print_criterion(console: Console, measured: Sequence[Measurement]) -> None:
+    """Print every table with its notes."""
+    for table in tables_of(measured):
+        shown = table.display()
+        columns = [f">{name}" if table.numeric(name) else name for name in shown.columns]
+        console.print(rich_table(table.title, columns, shown.to_numpy().tolist()))
+        for note in table.notes:
+            console.print(Text(f"  {note}"))
+        console.print()
+
+
+def write_criterion(measured: Sequence[Measurement], folder: str | Path) -> Path:
+    """Write criterion.md, the figures, one CSV per table and one of every run; return the page."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    parts = ["# When to refactorize\n"]
+    for name, caption, plot in (
+        ("criterion_sweep", "Cost per QP against the interval between factorizations", plot_sweep),
+        ("criterion_growth", "Conjugate gradient iterations against the age of R", plot_growth),
+    ):
+        for suffix in (".svg", ".png"):
+            plot(measured, folder / f"{name}{suffix}")
+        parts.append(f"![{caption}]({name}.png)\n")
+    tables = tables_of(measured)
+    parts += [table.to_markdown() for table in tables]
+    for table in (*tables, runs_table(measured)):
+        (folder / f"{table.name}.csv").write_text(table.to_csv(), encoding="utf-8")
+    page = folder / "criterion.md"
+    page.write_text("\n".join(parts), encoding="utf-8")
+    return page
