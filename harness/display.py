@@ -143,13 +143,22 @@ def replay_table(rows: pd.DataFrame) -> Table:
                 arm,
                 len(done),
                 len(part) - len(done),
-                f"{(done['verdict'] == 'verified').mean():.1%}" if len(done) else "–",
+                _share(int((done["verdict"] == "verified").sum()), len(done)),
                 _scientific(done["glambda_error"].max()),
                 _scientific(1e6 * done["runtime"].median(), "{:.1f}"),
             )
         )
     columns = ("solver", "setting", "arm", ">solved", ">skipped", ">verified", ">max error", ">µs")
     return table("Replayed (error: ‖A(x − x*)‖/scale; µs: median per QP)", columns, lines)
+
+
+def _share(part: int, whole: int) -> str:
+    """A percentage that says 100 % of all only, and 0 % of none only."""
+    if whole == 0:
+        return "–"
+    if part in (0, whole):
+        return f"{part / whole:.0%}"
+    return f"{min(max(part / whole, 0.001), 0.999):.1%}"
 
 
 def misses_table(lines: pd.DataFrame, title: str) -> Table:

@@ -292,6 +292,13 @@ def test_study_end_to_end_and_resumed(tmp_path: Path, monkeypatch: pytest.Monkey
     assert before == {p: p.stat().st_mtime_ns for p in folder.rglob("*.parquet")}
 
 
+def test_one_miss_in_thousands_does_not_round_to_all() -> None:
+    from harness.display import _share
+
+    assert _share(2642, 2643) == "99.9%" and _share(1, 2643) == "0.1%"
+    assert _share(2643, 2643) == "100%" and _share(0, 7) == "0%" and _share(0, 0) == "–"
+
+
 @pytest.mark.parametrize(
     ("scenes", "words"), [("", "the study has no scenes"), ("fig3 fig9", "unknown scene 'fig9'")]
 )
