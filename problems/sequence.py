@@ -2,7 +2,8 @@
 
 Warm starts follow the protocol of the replay: a step, iteration or corrector QP starts from the
 last solution of that group unless the integration has just restarted; impulses and minimum-norm
-QPs start cold.
+QPs start cold.  An answer from a warm start that its solver does not call solved is asked for
+once more, cold.
 """
 
 from __future__ import annotations
@@ -48,6 +49,8 @@ class QPSequence:
         qp = ContactQP(**fields, accepted=False, restart=first)
         start = self._last if warm and not first else None
         solution = self.solver.solve(qp, start)
+        if start is not None and not solution.found:
+            solution = self.solver.solve(qp)
         if solution.x is None:
             raise SimulationError(
                 f"t = {qp.t:.6g}: the solver gave no answer to a {qp.kind} QP with {qp.k} columns "

@@ -72,10 +72,16 @@ class Answer(NamedTuple):
     memory: Any = None
 
 
-def carry_over(start: Solution | None, qp: ContactQP) -> Start | None:
-    """Map an earlier solution onto the rows of `qp` by `row_id`; None where there is nothing."""
+def usable(start: Solution | None) -> Solution | None:
+    """`start`, or None where it holds no finite x."""
     if start is None or start.x is None or not np.isfinite(start.x).all():
         return None
+    return start
+
+
+def carry_over(start: Solution, qp: ContactQP) -> Start:
+    """Map an earlier solution, which has an x, onto the rows of `qp` by `row_id`."""
+    assert start.x is not None
     previous = positions_of(qp.row_id, start.row_id)
     known = previous >= 0
     x = np.zeros(qp.k)
@@ -105,6 +111,9 @@ class Solver(abc.ABC):
     form: ClassVar[Form] = "normal"
     warm_start: ClassVar[str] = "none"
     """What a warm start carries: "none", "x", "x and y", "working set", "factorisation", …"""
+    maps_rows: ClassVar[bool] = False
+    """Whether the solver maps rows itself; then a `Start` holds the old x and working set as they
+    are, and `previous` the old `row_id`."""
     regularisation: ClassVar[str] = "none"
     """Anything that the adapter or the package's required settings add to the problem."""
 
@@ -145,7 +154,13 @@ class Solver(abc.ABC):
         Raises `Unsupported` for a QP that this method cannot take; a solve that fails does not
         raise, it returns its `Status`.
         """
-        warm = carry_over(start, qp)
+        start = usable(start)
+        warm: Start | None = None
+        if start is not None and self.maps_rows:
+            assert start.x is not None
+            warm = Start(start.x, start.working_set, start.row_id, False, start.memory)
+        elif start is not None:
+            warm = carry_over(start, qp)
         clock = time.perf_counter
         t0 = clock()
         problem = self.build(qp, warm)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solvers.active_set.conjugate_gradients import conjugate_gradients, solve_R, solve_RT
-from solvers.active_set.factorization import (
+from solvers.active_set.flops import cg_limit, delete_flops, delete_many_flops, qr_flops
+from tests.numpy_twin.conjugate_gradients import conjugate_gradients, solve_R, solve_RT
+from tests.numpy_twin.factorization import (
     Factorization,
     dependence_tolerance,
     empty_factorization,
@@ -17,7 +18,6 @@ from solvers.active_set.factorization import (
     qr_factorize,
     qr_insert,
 )
-from solvers.active_set.flops import cg_limit, delete_flops, delete_many_flops, qr_flops
 
 
 def unit_columns(rng: np.random.Generator, m: int, k: int) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Conjugate gradients for the descent direction, preconditioned with an old R.
+"""Conjugate gradients for the descent direction, preconditioned with an old R; compiled.
 
 The descent direction of algorithm 2 solves (Lötstedt 1984, (3.19), corrected)
 
@@ -20,66 +20,65 @@ A_Fᵀ A_F is never formed.
 from __future__ import annotations
 
 from math import sqrt
-from typing import NamedTuple
 
-import numpy as np
-from scipy.linalg.blas import dtrsv
-
-from problems.qp import Vector
+from solvers.active_set.compiled import kernel
+from solvers.active_set.factorization import solve_R, solve_RT
+from solvers.active_set.workspace import N_FLOAT_ROWS, REMAINDER, SEARCH, STEP, F, P, V, Y
 
 
-class LeastSquares(NamedTuple):
-    """Outcome of `conjugate_gradients`.
+@kernel
+def conjugate_gradients(S, I, mp, f, right, tolerance, limit, preconditioned):
+    """Minimise ‖A_F p + b‖ with b in row `right`, until ‖A_Fᵀ(A_F p + b)‖ ≤ tolerance.
 
-    p : (f,)  minimiser of ‖A p + b‖, as far as it was found
-    s : (m,)  A p + b, by recursion
-    iterations : products with A R⁻¹ made
-    converged : ‖Aᵀ s‖ came below the tolerance
+    p is left in row P, A_F p + b in row REMAINDER.  Returns the iterations made; as a negative
+    number, −1 − iterations, when `limit` of them were not enough.
     """
-
-    p: Vector
-    s: Vector
-    iterations: int
-    converged: bool
-
-
-def solve_R(R: Vector, b: Vector) -> Vector:
-    """R⁻¹ b for upper triangular R (f, f), Fortran order, f > 0."""
-    return dtrsv(R, b)
-
-
-def solve_RT(R: Vector, b: Vector) -> Vector:
-    """R⁻ᵀ b for upper triangular R (f, f), Fortran order, f > 0."""
-    return dtrsv(R, b, trans=1)
-
-
-def conjugate_gradients(
-    A: Vector, R: Vector | None, b: Vector, tolerance: float, limit: float
-) -> LeastSquares:
-    """Minimise ‖A p + b‖ from p = 0 until ‖Aᵀ(A p + b)‖ ≤ tolerance, (3.19) and (3.20).
-
-    A : (m, f), f > 0, of full column rank; not modified
-    R : (f, f) upper triangular preconditioner in Fortran order, or None for none
-    b : (m,); not modified
-    limit : give up, `converged` false, when this many iterations were not enough
-    """
-    p, s = np.zeros(A.shape[1]), b.copy()
-    v = s @ A
-    iterations, q, gamma = 0, p, 1.0
-    while sqrt(v @ v) > tolerance:
+    B0 = N_FLOAT_ROWS
+    s, w, p, v = S[REMAINDER], S[Y], S[P], S[V]
+    search, step, b = S[SEARCH], S[STEP], S[right]
+    for i in range(mp):
+        s[i] = b[i]
+    for j in range(f):
+        p[j] = 0.0
+        search[j] = 0.0
+    gamma = 1.0
+    iterations = 0
+    while True:
+        slope = 0.0
+        for j in range(f):
+            b, along = S[B0 + I[F, j]], 0.0
+            for i in range(mp):
+                along += b[i] * s[i]
+            v[j] = along
+            slope += along * along
+        if sqrt(slope) <= tolerance:
+            return iterations
         if iterations >= limit:
-            return LeastSquares(p, s, iterations, False)
-        g = v if R is None else solve_RT(R, v)
-        gamma, before = float(g @ g), gamma
-        q = q * (gamma / before) - g
-        t = q if R is None else solve_R(R, q)
-        w = A @ t
-        curvature = float(w @ w)
+            return -1 - iterations
+        if preconditioned:
+            solve_RT(S, f, V)
+        before, gamma = gamma, 0.0
+        for j in range(f):
+            gamma += v[j] * v[j]
+        for j in range(f):
+            search[j] = search[j] * (gamma / before) - v[j]
+            step[j] = search[j]
+        if preconditioned:
+            solve_R(S, f, STEP)
+        for i in range(mp):
+            w[i] = 0.0
+        for j in range(f):
+            b, value = S[B0 + I[F, j]], step[j]
+            for i in range(mp):
+                w[i] += value * b[i]
+        curvature = 0.0
+        for i in range(mp):
+            curvature += w[i] * w[i]
         if curvature == 0.0:
-            return LeastSquares(p, s, iterations, False)
+            return -1 - iterations
         alpha = gamma / curvature
-        p += alpha * t
-        s += alpha * w
-        v = s @ A
+        for j in range(f):
+            p[j] += alpha * step[j]
+        for i in range(mp):
+            s[i] += alpha * w[i]
         iterations += 1
-    return LeastSquares(p, s, iterations, True)

@@ -12,18 +12,22 @@ from dataclasses import dataclass
 from math import sqrt
 
 from problems.qp import WorkCounts
+from solvers.active_set.compiled import kernel
 
 
+@kernel
 def product_flops(m: int, k: int) -> int:
     """A x or Aᵀ r for A (m, k)."""
     return 2 * m * k
 
 
+@kernel
 def triangular_flops(f: int) -> int:
     """Solve with a triangular R of order f."""
     return f * f
 
 
+@kernel
 def qr_flops(m: int, f: int, keep_Q: bool = False) -> int:
     """C_QR: pivoted Householder QR of f columns (Businger and Golub 1965), 2 f²(m − f/3).
 
@@ -35,11 +39,13 @@ def qr_flops(m: int, f: int, keep_Q: bool = False) -> int:
     return 2 * cost if keep_Q else cost
 
 
+@kernel
 def cg_iteration_flops(m: int, f: int, preconditioned: bool = True) -> int:
     """C_IT: products with A_F and A_Fᵀ, solves with R and Rᵀ, and the vectors."""
     return 4 * m * f + (2 * f * f if preconditioned else 0) + 4 * m + 6 * f
 
 
+@kernel
 def insert_flops(m: int, f: int, keep_Q: bool) -> int:
     """Append a column to f others: Gram-Schmidt twice against Q, or w → R w where Q is not kept.
 
@@ -48,12 +54,14 @@ def insert_flops(m: int, f: int, keep_Q: bool) -> int:
     return 8 * m * f if keep_Q else triangular_flops(f)
 
 
+@kernel
 def delete_flops(m: int, f: int, position: int, keep_Q: bool) -> int:
     """Remove the column at `position` of f by Givens rotations: 6 for each pair of entries."""
     rotations = f - 1 - position
     return 3 * rotations * (rotations + 1) + (6 * m * rotations if keep_Q else 0)
 
 
+@kernel
 def delete_many_flops(m: int, f: int, first: int, n_deleted: int, keep_Q: bool) -> int:
     """Remove several columns, the first at `first`: Householder QR of what is right below it."""
     rows, columns = f - first, f - first - n_deleted
@@ -61,11 +69,13 @@ def delete_many_flops(m: int, f: int, first: int, n_deleted: int, keep_Q: bool) 
     return qr_flops(rows, columns, form_Q) + (2 * m * rows * columns if form_Q else 0)
 
 
+@kernel
 def estimate_flops(f: int) -> int:
     """Estimate of ‖R⁻¹‖ (Cline et al. 1979): one solve with look-ahead and one plain solve."""
     return 4 * f * f
 
 
+@kernel
 def cg_limit(m: int, f: int) -> float:
     """(2 C_QR/C_IT)^½: a direction that needs more iterations calls for a new factorization."""
     return sqrt(2 * qr_flops(m, f) / cg_iteration_flops(m, f)) if f else 0.0

@@ -19,14 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from problems.qp import AT_LOWER, AT_UPPER, FREE, ContactQP, Vector
-from solvers.active_set.factorization import (
+from solvers.active_set.flops import Tally
+from solvers.base import Start
+from tests.numpy_twin.factorization import (
     Factorization,
     Positions,
     qr_delete,
     qr_insert,
 )
-from solvers.active_set.flops import Tally
-from solvers.base import Start
 
 
 class ScaledQP(NamedTuple):

@@ -1,0 +1,623 @@
+"""Algorithm 2 as one compiled loop (Lötstedt 1984, §3.2); see `method` for the numbered steps.
+
+Inner parts are exchangeable.  *Fresh*: A_F of today is factorized with its reflections, whenever F
+changes from the column that changes on; what small QPs use, and impulses.  *Old R*: the R of an
+earlier A_F, updated as columns come and go, preconditions conjugate gradients; what large QPs use.
+A solve that starts on an old R and cannot finish on it ends fresh.
+"""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+
+from solvers.active_set.compiled import kernel
+from solvers.active_set.conjugate_gradients import conjugate_gradients
+from solvers.active_set.factorization import (
+    UNIT_ROUNDOFF,
+    apply_reflection,
+    dependence_tolerance,
+    inverse_norm_estimate,
+    qr_append,
+    qr_factorize,
+    r_delete,
+    row_length,
+    solve_R,
+)
+from solvers.active_set.flops import (
+    cg_iteration_flops,
+    delete_flops,
+    estimate_flops,
+    insert_flops,
+    product_flops,
+    qr_flops,
+    triangular_flops,
+)
+from solvers.active_set.workspace import (
+    AGE,
+    CG_ITERATIONS,
+    CG_LIMIT,
+    CHANGES,
+    COUNTS,
+    DIRECTIONS,
+    FACTORIZATIONS,
+    FLOPS,
+    FRESH,
+    GRADIENT,
+    GROWN_NORM,
+    INTERVAL,
+    INVERSE_NORM,
+    LANES,
+    LENGTH,
+    LOWER,
+    MARK,
+    MEMBER,
+    MOMENTUM,
+    N_FLOAT_ROWS,
+    NORM2,
+    OLD_F,
+    OLD_K,
+    OLD_MEMBER,
+    OLD_ORDER,
+    OLD_ROW,
+    ORDER,
+    PASSES,
+    PREVIOUS,
+    REALS,
+    REMAINDER,
+    RESIDUAL,
+    SIZES,
+    STATUS,
+    TODAY,
+    UPDATES,
+    UPPER,
+    WRONG,
+    F,
+    P,
+    V,
+    X,
+    Y,
+    Z,
+)
+
+SHARE = 0.1
+"""Part of ε₀ that the direction and the signs may each take."""
+ROUNDING = 4 * UNIT_ROUNDOFF
+"""Rounding in Δ, in units of ‖ |B||z| + |d| ‖."""
+
+WARM, OWN_SET, TODAYS_QR, NO_R, CUSTOM = 1, 2, 4, 8, 16
+"""Bits of `mode`: there is a previous solution; F is chosen anew; factorize today's A_F; conjugate
+gradients without R; the options in rows REALS and COUNTS replace the paper's."""
+SOLVED, INACCURATE, OUT_OF_PASSES = 0, 1, 2
+"""What row COUNTS holds at STATUS."""
+AT_LOWER, FREE, AT_UPPER, PASSIVE = -1, 0, 1, 2
+ENTERED, BOUNCED, DISMISSED = 1, 2, 4
+"""Bits of row MARK: entered F since A x last moved; thrown back since; not worth freeing."""
+
+
+@kernel
+def lay_out(A, d, lower, upper, S, mp):
+    """Columns of A one after the other at length 1, bounds on z_j = ‖a_j‖ x_j."""
+    m, k = A.shape
+    B0 = N_FLOAT_ROWS
+    for j in range(k):
+        b, size = S[B0 + j], 0.0
+        for i in range(m):
+            b[i] = A[i, j]
+        for i in range(m, mp):
+            b[i] = 0.0
+        for i in range(mp):
+            size += b[i] * b[i]
+        length = sqrt(size) if size > 0.0 else 1.0
+        inverse = 1.0 / length
+        for i in range(mp):
+            b[i] *= inverse
+        S[LENGTH, j] = length
+        S[LOWER, j] = length * lower[j]
+        S[UPPER, j] = length * upper[j]
+    for i in range(m):
+        S[MOMENTUM, i] = d[i]
+    for i in range(m, mp):
+        S[MOMENTUM, i] = 0.0
+
+
+@kernel
+def map_rows(row_id, I, k):
+    """Rows PREVIOUS and TODAY: where each row was in the previous QP, and where the old ones are.
+
+    −1 where there is none.  Rows mostly keep their order, so the search goes on from the last hit.
+    """
+    old_k = I[COUNTS, OLD_K]
+    for i in range(old_k):
+        I[TODAY, i] = -1
+    place = 0
+    for j in range(k):
+        I[PREVIOUS, j] = -1
+        for _ in range(old_k):
+            if place >= old_k:
+                place = 0
+            if I[OLD_ROW, place] == row_id[j]:
+                I[PREVIOUS, j] = place
+                I[TODAY, place] = j
+                place += 1
+                break
+            place += 1
+
+
+@kernel
+def start(S, I, k, warm, own_set):
+    """z from the previous x, members of X on today's bounds; F the previous F and new rows.
+
+    Returns the number of columns put into F.  Cold, z is the feasible point nearest to 0 and F
+    holds every row that can move (step 1).
+    """
+    f = 0
+    for j in range(k):
+        low, high = S[LOWER, j], S[UPPER, j]
+        old = I[PREVIOUS, j] if warm else -1
+        member = I[OLD_MEMBER, old] if old >= 0 else FREE
+        z = S[LENGTH, j] * S[X, old] if old >= 0 else 0.0
+        if (member == AT_LOWER and low > -inf) or z < low:
+            z = low
+        elif (member == AT_UPPER and high < inf) or z > high:
+            z = high
+        S[Z, j] = z
+        I[MARK, j] = 0
+        if low < high and (member == FREE or own_set):
+            I[F, f] = j
+            f += 1
+    return f
+
+
+@kernel
+def take_residual(S, mp, k):
+    """r = B z + d into row RESIDUAL; returns ‖change of r‖ and the rounding in Δ."""
+    fresh, r, d, sizes = S[FRESH], S[RESIDUAL], S[MOMENTUM], S[SIZES]
+    for i in range(mp):
+        fresh[i] = d[i]
+        sizes[i] = abs(d[i])
+    for j in range(k):
+        z = S[Z, j]
+        if z != 0.0:
+            b = S[N_FLOAT_ROWS + j]
+            for i in range(mp):
+                term = z * b[i]
+                fresh[i] += term
+                sizes[i] += abs(term)
+    moved = total = 0.0
+    for i in range(mp):
+        moved += (fresh[i] - r[i]) ** 2
+        total += sizes[i] * sizes[i]
+        r[i] = fresh[i]
+    return sqrt(moved), ROUNDING * sqrt(total)
+
+
+@kernel
+def take_gradient(S, mp, k, row):
+    """Bᵀ row into row GRADIENT."""
+    x = S[row]
+    for j in range(k):
+        b, along = S[N_FLOAT_ROWS + j], 0.0
+        for i in range(mp):
+            along += b[i] * x[i]
+        S[GRADIENT, j] = along
+
+
+@kernel
+def ratio_test(S, I, f):
+    """Step 4: θ = min(1, min τ_i) with τ_i the step to the bound ahead of z_i."""
+    theta = 1.0
+    for c in range(f):
+        j, p = I[F, c], S[P, c]
+        if p > 0:
+            theta = min(theta, (S[UPPER, j] - S[Z, j]) / p)
+        elif p < 0:
+            theta = min(theta, (S[LOWER, j] - S[Z, j]) / p)
+    return theta
+
+
+@kernel
+def take_step(S, I, f, theta):
+    """Step 5: z += θ p, members that reach a bound put on it; returns how many do.
+
+    The step to a bound is computed as in `ratio_test`, so that whoever gave θ reaches its bound
+    even where θ p underflows.
+    """
+    reached = 0
+    for c in range(f):
+        j, p = I[F, c], S[P, c]
+        if p > 0 and (S[UPPER, j] - S[Z, j]) / p <= theta:
+            S[Z, j] = S[UPPER, j]
+            reached += 1
+        elif p < 0 and (S[LOWER, j] - S[Z, j]) / p <= theta:
+            S[Z, j] = S[LOWER, j]
+            reached += 1
+        else:
+            S[Z, j] += theta * p
+    return reached
+
+
+@kernel
+def wrong_sign(S, j):
+    """Step 8: by how much Δ_j has the wrong sign for where z_j is; |Δ_j| between the bounds."""
+    wrong = 0.0
+    if S[Z, j] < S[UPPER, j]:
+        wrong = max(wrong, -S[GRADIENT, j])
+    if S[Z, j] > S[LOWER, j]:
+        wrong = max(wrong, S[GRADIENT, j])
+    return wrong
+
+
+@kernel
+def factorize(S, I, m, mp, f, first):
+    """Today's factorization from column `first` of F on, counted; returns the order."""
+    if f > first:
+        if first == 0:
+            I[COUNTS, FACTORIZATIONS] += 1
+            I[COUNTS, FLOPS] += qr_flops(m, f, False)
+        else:
+            I[COUNTS, UPDATES] += 1
+            I[COUNTS, FLOPS] += 4 * m * first * (f - first) + qr_flops(m - first, f - first, False)
+    return qr_factorize(S, I, m, mp, f, first)
+
+
+@kernel
+def keep_R(S, I, f):
+    """Today's R becomes the preconditioner, of age 0, with its ‖R⁻¹‖."""
+    I[COUNTS, AGE] = 0
+    I[COUNTS, FLOPS] += estimate_flops(f)
+    S[REALS, INVERSE_NORM] = inverse_norm_estimate(S, f)
+
+
+@kernel
+def r_insert(S, I, m, mp, f, j, limit):
+    """Append today's column j to an old R (step 8).  1 done, 0 dependent, −1 R is too old.
+
+    w minimises ‖b_j − A_F w‖ by conjugate gradients, repeated until the remainder no longer
+    shrinks; the new column of R is (R w; ρ), ρ the remainder.  Then A_F R⁻¹ gains a column of
+    length 1 orthogonal to today's A_F: R is as good as before.  Row NORM2 holds w afterwards, and
+    GROWN_NORM what ‖R⁻¹‖ becomes when the column is taken.
+    """
+    R0 = N_FLOAT_ROWS + 2 * S.shape[1]
+    rho, size, right, spent = 0.0, 0.0, N_FLOAT_ROWS + j, 0
+    for i in range(mp):
+        S[FRESH, i] = S[right, i]
+    rho = row_length(S, mp, FRESH)
+    for c in range(f):
+        S[NORM2, c] = 0.0
+    for _ in range(4 if f else 0):
+        aim = 0.1 * rho / S[REALS, INVERSE_NORM]
+        made = conjugate_gradients(S, I, mp, f, FRESH, aim, limit - spent, True)
+        spent += made if made >= 0 else -1 - made
+        I[COUNTS, CG_ITERATIONS] += made if made >= 0 else -1 - made
+        if made < 0:
+            return -1
+        for i in range(mp):
+            S[FRESH, i] = S[REMAINDER, i]
+        before, rho, size = rho, row_length(S, mp, FRESH), 0.0
+        for c in range(f):
+            S[NORM2, c] -= S[P, c]
+            size += S[NORM2, c] ** 2
+        if rho > 0.5 * before:
+            break
+        if rho <= dependence_tolerance(m) * (1.0 + sqrt(size)):
+            return 0
+    I[COUNTS, UPDATES] += 1
+    I[COUNTS, FLOPS] += insert_flops(m, f, False) + spent * cg_iteration_flops(m, f, True)
+    if rho == 0.0:
+        return 0
+    for i in range(f):
+        value = 0.0
+        for c in range(i, f):
+            value += S[R0 + c, i] * S[NORM2, c]
+        S[R0 + f, i] = value
+    S[R0 + f, f] = rho
+    old = S[REALS, INVERSE_NORM] if f else 0.0
+    # the last column of the new R⁻¹ is (−w; 1)/ρ
+    S[REALS, GROWN_NORM] = sqrt(old * old + (1.0 + size) / (rho * rho))
+    I[F, f] = j
+    return 1
+
+
+@kernel
+def carry_R(S, I, m, mp, wanted):
+    """The old R on the `wanted` columns that stand in F; returns its order, −1 where it is too old.
+
+    Columns of rows that are gone leave by rotations, today's columns of new rows enter; those
+    found dependent are left out, so that their rows are passive.
+    """
+    for c in range(wanted):
+        I[MARK, I[F, c]] = ENTERED
+    f = I[COUNTS, OLD_ORDER]
+    for c in range(f):
+        I[F, c] = I[TODAY, I[OLD_F, c]]
+    for c in range(f - 1, -1, -1):
+        j = I[F, c]
+        if j < 0 or I[MARK, j] != ENTERED:
+            I[COUNTS, UPDATES] += 1
+            I[COUNTS, FLOPS] += delete_flops(m, f, c, False)
+            r_delete(S, I, f, c)
+            f -= 1
+        else:
+            I[MARK, j] = 0
+    k = I[COUNTS, ORDER]
+    for j in range(k):
+        if I[MARK, j] == ENTERED:
+            I[MARK, j] = 0
+            done = r_insert(S, I, m, mp, f, j, 2 * f + 20)
+            if done < 0:
+                for rest in range(j, k):
+                    I[MARK, rest] = 0
+                return -1
+            if done > 0:
+                S[REALS, INVERSE_NORM] = S[REALS, GROWN_NORM]
+                f += 1
+    return f
+
+
+@kernel
+def direction_by_Q(S, mp, f):
+    """Step 3 with today's factorization: R p = −(Qᵀ r)_{1…f}."""
+    for i in range(mp):
+        S[Y, i] = S[RESIDUAL, i]
+    for l in range(f):
+        apply_reflection(S, mp, l, Y)
+    for c in range(f):
+        S[P, c] = -S[Y, c]
+    solve_R(S, f, P)
+
+
+@kernel
+def direction_by_cg(S, I, m, mp, f, tolerance, mode):
+    """Step 3 with the old R; returns (order, whether p was found).
+
+    Where conjugate gradients take more iterations than the criterion allows, A_F is factorized at
+    once and they go on with that; where that does not help either, p was not found.
+    """
+    for _ in range(2):
+        plain = (mode & NO_R) != 0
+        limit = sqrt(2.0 * qr_flops(m, f, False) / cg_iteration_flops(m, f, True))
+        interval = 0
+        if mode & CUSTOM:
+            interval = I[COUNTS, INTERVAL]
+            if S[REALS, CG_LIMIT] >= 0:
+                limit = S[REALS, CG_LIMIT]
+        if plain:
+            limit = 10.0 * f + 100
+        elif I[COUNTS, AGE] == 0 or interval > 0:
+            limit = 2.0 * f + 20
+        made = conjugate_gradients(S, I, mp, f, RESIDUAL, tolerance, limit, not plain)
+        spent = made if made >= 0 else -1 - made
+        I[COUNTS, CG_ITERATIONS] += spent
+        I[COUNTS, FLOPS] += spent * cg_iteration_flops(m, f, not plain) + product_flops(m, f)
+        if made >= 0:
+            return f, True
+        if I[COUNTS, AGE] == 0:
+            break
+        f = factorize(S, I, m, mp, f, 0)
+        keep_R(S, I, f)
+    return f, False
+
+
+@kernel
+def drop_reached(S, I, m, mp, f, fresh):
+    """Step 6: members of F at a bound that p leads to move to X; returns the order."""
+    kept = 0
+    first = f
+    for c in range(f):
+        j, p = I[F, c], S[P, c]
+        stays = not ((p > 0 and S[Z, j] >= S[UPPER, j]) or (p < 0 and S[Z, j] <= S[LOWER, j]))
+        if stays:
+            I[TODAY, kept] = j  # scratch from here on
+            kept += 1
+        else:
+            first = min(first, c)
+            if I[MARK, j] & ENTERED:
+                I[MARK, j] |= BOUNCED
+            I[COUNTS, CHANGES] += 1
+    if fresh:
+        for c in range(kept):
+            I[F, c] = I[TODAY, c]
+        return factorize(S, I, m, mp, kept, first)
+    for c in range(f - 1, -1, -1):
+        j, p = I[F, c], S[P, c]
+        if (p > 0 and S[Z, j] >= S[UPPER, j]) or (p < 0 and S[Z, j] <= S[LOWER, j]):
+            I[COUNTS, UPDATES] += 1
+            I[COUNTS, FLOPS] += delete_flops(m, f, c, False)
+            r_delete(S, I, f, c)
+            for later in range(c, f - 1):
+                S[P, later] = S[P, later + 1]
+            f -= 1
+    return f
+
+
+@kernel
+def append_column(S, I, m, mp, f, j, fresh, eps0, rounding):
+    """Step 8: put column j last into F where that is possible and worth it; returns (done, fresh).
+
+    `done` is false where the column depends on A_F, or where Δ_j is below ε₁ and freeing x_j would
+    move A x by less than eps0: with b_j = A_F w + s, s ⟂ A_F and ρ = ‖s‖, A x moves by |sᵀr|/ρ,
+    sᵀr = Δ_j − wᵀΔ_F.
+    """
+    R0 = N_FLOAT_ROWS + 2 * S.shape[1]
+    w_row = NORM2
+    if not fresh:
+        done = r_insert(S, I, m, mp, f, j, 2 * f + 20)
+        if done == 0:
+            return False, False
+        if done < 0:
+            order = factorize(S, I, m, mp, f, 0)
+            I[COUNTS, ORDER] = order
+            f, fresh = order, True
+    if fresh:
+        I[COUNTS, UPDATES] += 1
+        I[COUNTS, FLOPS] += 4 * m * (f + 1) + triangular_flops(f)
+        if f >= m or not qr_append(S, I, m, mp, f, j):
+            return False, fresh
+        w_row = V
+    along, size = S[GRADIENT, j], 0.0
+    for c in range(f):
+        along -= S[w_row, c] * S[GRADIENT, I[F, c]]
+        size += S[w_row, c] ** 2
+    rho = abs(S[R0 + f, f])
+    if abs(along) > max(eps0 * rho, rounding * (1.0 + sqrt(size))):
+        return True, fresh
+    # qr_append used row V; the estimate below uses V and Y
+    inverse_norm = inverse_norm_estimate(S, f) if fresh else S[REALS, INVERSE_NORM]
+    return abs(S[GRADIENT, j]) > max(eps0 / inverse_norm, rounding), fresh
+
+
+@kernel
+def finish(row_id, lower, upper, S, I, k, f):
+    """x in the units of the QP and the members of X, F and P; both remembered for the next QP."""
+    for j in range(k):
+        z = S[Z, j]
+        x = z / S[LENGTH, j]
+        member = PASSIVE
+        if z <= S[LOWER, j]:
+            x, member = lower[j], AT_LOWER
+        elif z >= S[UPPER, j]:
+            x, member = upper[j], AT_UPPER
+        S[X, j] = min(max(x, lower[j]), upper[j])
+        I[MEMBER, j] = member
+        I[OLD_ROW, j] = row_id[j]
+    for c in range(f):
+        I[MEMBER, I[F, c]] = FREE
+        I[OLD_F, c] = I[F, c]
+    for j in range(k):
+        I[OLD_MEMBER, j] = I[MEMBER, j]
+    I[COUNTS, OLD_K] = k
+
+
+@kernel
+def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
+    """Solve one QP with the step numbers of `method`; S and I are modified, nothing else is.
+
+    A : (m, k) C order; d (m,); lower, upper, row_id (k,)
+    S, I : a `Workspace` of at least this size, with the memory of the previous solve
+    eps0 : accuracy in ‖A δx‖ (3.13), negative for the default of `method`
+    mode : bits WARM, OWN_SET, TODAYS_QR, NO_R, CUSTOM
+
+    x, the working set, the counts and the status are left in the workspace.
+    """
+    m, k = A.shape
+    for i in range(DIRECTIONS, FLOPS + 1):
+        I[COUNTS, i] = 0
+    if not mode & WARM:  # a new workspace holds anything
+        I[COUNTS, OLD_K] = I[COUNTS, OLD_ORDER] = -1
+        I[COUNTS, AGE] = 0
+    warm = (mode & WARM) != 0 and I[COUNTS, OLD_K] >= 0
+    fresh = (mode & TODAYS_QR) != 0
+    mp = (m + LANES - 1) // LANES * LANES
+    lay_out(A, d, lower, upper, S, mp)
+    if warm:
+        map_rows(row_id, I, k)
+    if eps0 < 0:
+        take_gradient(S, mp, k, MOMENTUM)
+        eps0 = 0.0
+        for j in range(k):
+            eps0 = max(eps0, 1e-9 * abs(S[GRADIENT, j]))
+    f = start(S, I, k, warm, (mode & OWN_SET) != 0)  # 1.
+    I[COUNTS, AGE] += 1
+    carried = -1
+    I[COUNTS, ORDER] = k
+    if warm and not fresh and not (mode & OWN_SET) and I[COUNTS, OLD_ORDER] >= 0:
+        interval = I[COUNTS, INTERVAL] if mode & CUSTOM else 0
+        if interval == 0 or I[COUNTS, AGE] < interval:
+            carried = carry_R(S, I, m, mp, f)
+            if carried < 0:
+                f = start(S, I, k, warm, False)
+    if carried >= 0:
+        f = carried
+    else:
+        f = factorize(S, I, m, mp, f, 0)
+        if not fresh:
+            keep_R(S, I, f)
+    _, rounding = take_residual(S, mp, k)  # 2.
+    I[COUNTS, FLOPS] += product_flops(m, k)
+    passes = 50 + 20 * k
+    if mode & CUSTOM and I[COUNTS, PASSES] >= 0:
+        passes = I[COUNTS, PASSES]
+    refining = inf  # ‖A_Fᵀ r‖ before a full step on the same F; inf where F has changed
+    status = OUT_OF_PASSES
+
+    while True:
+        take_gradient(S, mp, k, RESIDUAL)  # 7., and the right-hand side of 3.
+        I[COUNTS, FLOPS] += product_flops(m, k)
+        slope = 0.0
+        for c in range(f):
+            slope += S[GRADIENT, I[F, c]] ** 2
+        slope = sqrt(slope)
+        aim = rounding
+        if not fresh:
+            aim = max(SHARE * eps0 / S[REALS, INVERSE_NORM], rounding)  # (3.20)
+        # a slope that refinement does not halve is rounding
+        if slope > max(aim, rounding * sqrt(f)) and slope < 0.5 * refining:
+            if passes <= 0:
+                break
+            passes -= 1
+            if refining == inf:
+                I[COUNTS, DIRECTIONS] += 1
+            if not fresh:  # 3.
+                f, found = direction_by_cg(S, I, m, mp, f, 0.5 * aim, mode)
+                if not found:
+                    f, fresh = factorize(S, I, m, mp, f, 0), True
+            if fresh:
+                direction_by_Q(S, mp, f)
+                I[COUNTS, FLOPS] += 2 * product_flops(m, f) + triangular_flops(f)
+            theta = ratio_test(S, I, f)  # 4.
+            reached = take_step(S, I, f, theta)  # 5.
+            moved, rounding = take_residual(S, mp, k)
+            I[COUNTS, FLOPS] += product_flops(m, k)
+            refining = slope if theta == 1.0 else inf
+            if moved > rounding:
+                for j in range(k):
+                    I[MARK, j] = 0
+            if reached > 0:  # 6.
+                f = drop_reached(S, I, m, mp, f, fresh)
+                for j in range(k):
+                    I[MARK, j] &= ~DISMISSED
+                refining = inf
+            continue
+        left, worst, entering = slope, 0.0, -1  # 8.
+        for c in range(f):
+            I[MARK, I[F, c]] |= 8
+        for j in range(k):
+            wrong = wrong_sign(S, j)
+            left = max(left, wrong)
+            if wrong > worst and not I[MARK, j] & (BOUNCED | DISMISSED | 8):
+                worst, entering = wrong, j
+            I[MARK, j] &= 7
+        if worst <= rounding:  # 9.
+            S[REALS, WRONG] = left
+            sound = left <= max(SHARE * eps0, 100 * rounding)
+            if sound or fresh:
+                status = SOLVED if sound else INACCURATE
+                break
+            # conjugate gradients left rows barred that should move: once more with exact Q and R
+            f, fresh, refining = factorize(S, I, m, mp, f, 0), True, inf
+            for j in range(k):
+                I[MARK, j] = 0
+            continue
+        if passes <= 0:
+            break
+        passes -= 1
+        I[COUNTS, ORDER] = f
+        done, fresh = append_column(S, I, m, mp, f, entering, fresh, SHARE * eps0, rounding)
+        f = I[COUNTS, ORDER]
+        if done:
+            f += 1
+            if not fresh:
+                S[REALS, INVERSE_NORM] = S[REALS, GROWN_NORM]
+            I[MARK, entering] |= ENTERED
+            I[COUNTS, CHANGES] += 1
+            refining = inf
+        else:
+            I[MARK, entering] |= DISMISSED
+
+    I[COUNTS, OLD_ORDER] = -1
+    if not mode & TODAYS_QR:
+        if fresh:
+            keep_R(S, I, f)
+        I[COUNTS, OLD_ORDER] = f
+    I[COUNTS, STATUS] = status
+    finish(row_id, lower, upper, S, I, k, f)

@@ -1,0 +1,73 @@
+"""Where the kernels keep their numbers: one float and one integer array, rows with names.
+
+Few arrays cross the boundary into compiled code, because each costs 50 ns there.  `S` (rows, n) and
+`I` (rows, n) hold everything that a solve needs and everything that the next one may use; n is at
+least m and k.  A vector is a row.  The matrices are rows of S too: column j of B, of W and of R are
+the rows B0(n) + j, W0(n) + j and R0(n) + j, so that a column is contiguous.
+
+    B   A with columns of length 1
+    W   Householder vectors of today's A_F, zeros above their first entry
+    R   R of today's or an earlier A_F
+
+Rows of m entries are continued with zeros up to a multiple of `LANES`, and loops along them run
+that far: so that they are whole vector instructions even where m is 9.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from problems.qp import Vector
+
+# rows of S
+Z, LENGTH, LOWER, UPPER, GRADIENT, P, Y, RESIDUAL, FRESH, NORM2 = range(10)
+TAU, SEARCH, V, REMAINDER, X, STEP, REALS, MOMENTUM, SIZES = range(10, 19)
+N_FLOAT_ROWS = 19
+
+# rows of I
+COUNTS, F, MEMBER, OLD_ROW, OLD_MEMBER, OLD_F, PREVIOUS, TODAY, MARK = range(9)
+N_INT_ROWS = 9
+
+# entries of row REALS
+INVERSE_NORM, GROWN_NORM, WRONG, CG_LIMIT = range(4)
+# entries of row COUNTS: what is remembered …
+OLD_K, OLD_ORDER, AGE, ORDER, STATUS = range(5)
+# … and what is counted, in the order of `WorkCounts`
+DIRECTIONS, CHANGES, FACTORIZATIONS, UPDATES, CG_ITERATIONS, FLOPS = range(5, 11)
+# … and options that replace the paper's; negative passes: the default
+INTERVAL, PASSES = 11, 12
+LANES = 16
+"""Loops along m run over multiples of this; n is one, too."""
+
+
+@dataclass(frozen=True, eq=False)
+class Workspace:
+    """S (rows, n) float64, I (rows, n) int64; handed on from solve to solve, updated in place."""
+
+    S: Vector
+    I: NDArray[np.int64]
+    n: int
+
+
+def make_workspace(m: int, k: int, previous: Workspace | None = None) -> Workspace:
+    """Room for a QP of m rows and k columns, with what `previous` remembers.
+
+    The same object where it is large enough already; then its content is used up.
+    """
+    n = max(m, k)
+    if previous is not None and previous.n >= n:
+        return previous
+    n = (n + n // 2) // LANES * LANES + LANES  # contacts come in ones and twos
+    made = Workspace(
+        np.empty((N_FLOAT_ROWS + 3 * n, n)), np.empty((N_INT_ROWS, n), dtype=np.int64), n
+    )
+    if previous is not None:
+        old = previous.n
+        made.I[:, :old] = previous.I
+        made.S[:N_FLOAT_ROWS, :old] = previous.S[:N_FLOAT_ROWS]
+        first, before = N_FLOAT_ROWS + 2 * n, N_FLOAT_ROWS + 2 * old
+        made.S[first : first + old, :old] = previous.S[before:]
+    return made
