@@ -43,6 +43,9 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+RESUMED = ("replay", "study")
+"""Commands that continue from their results folder after Ctrl-C."""
+
 Command = TypeVar("Command", bound=Callable[..., Any])
 Files = Annotated[list[Path], typer.Argument(metavar="FILE...", help="recordings (.h5)")]
 Sets = Annotated[
@@ -73,25 +76,29 @@ def told(command: Command) -> Command:
     def run(*arguments: Any, **options: Any) -> Any:
         try:
             return command(*arguments, **options)
-        except (ValueError, ImportError, OSError) as error:
+        except ImportError as error:
+            _give_up(error, 2, f"{error}; install its package, or choose another solver or scene")
+        except OSError as error:
+            what = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+            _give_up(error, 2, f"{what}; name another file or folder")
+        except ValueError as error:
             _give_up(error, 2)
         except RuntimeError as error:  # SimulationError: the simulation could not go on
             if type(error).__name__ != "SimulationError":
                 raise
             _give_up(error, 1)
         except KeyboardInterrupt:
-            typer.echo(
-                "\ninterrupted; what was finished is kept: the same command continues", err=True
-            )
+            goes_on = ": the same command continues" if command.__name__ in RESUMED else ""
+            typer.echo(f"\ninterrupted; what was finished is kept{goes_on}", err=True)
             raise typer.Exit(130) from None
 
     return run  # type: ignore[return-value]
 
 
-def _give_up(error: Exception, code: int) -> None:
+def _give_up(error: Exception, code: int, message: str = "") -> None:
     if os.environ.get("GLAMBDA_DEBUG"):
         raise error
-    typer.echo(f"glambda: {' '.join(str(error).split())}", err=True)
+    typer.echo(f"glambda: {' '.join((message or str(error)).split())}", err=True)
     raise typer.Exit(code) from None
 
 
@@ -136,6 +143,8 @@ def _output(path: Path | None, suffixes: tuple[str, ...], option: str) -> Path |
     if path.suffix.lower() not in suffixes:
         raise ValueError(f"{option} {path}: give a name that ends in {' or '.join(suffixes)}")
     path.parent.mkdir(parents=True, exist_ok=True)
+    if not os.access(path.parent, os.W_OK) or path.is_dir():
+        raise ValueError(f"{option} {path}: cannot be written there; name another file")
     return path
 
 

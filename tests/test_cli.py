@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import subprocess
@@ -177,7 +178,9 @@ def test_replay_refuses_to_mix(fig3: Path, tmp_path: Path) -> None:
         (("simulate", "fig3", "--solver", "magic"), ("unknown solver 'magic'", "daqp")),
         (("simulate", "fig3", "--until", "-1"), ("until",)),
         (("simulate", "fig3", "--plot", "x.doc"), ("--plot x.doc", ".png")),
+        (("simulate", "fig3", "--plot", "folder.png"), ("--plot folder.png", "cannot be written")),
         (("record", "fig9"), ("unknown scene 'fig9'",)),
+        (("record", "fig3", "--until", "0.01", "-o", "file"), ("file: ", "name another")),
         (("replay", "absent.h5"), ("absent.h5", "no such file", "glambda record")),
         (("info", "absent.h5"), ("absent.h5", "no such file")),
         (("report", "absent"), ("absent",)),
@@ -192,6 +195,8 @@ def test_bad_input_is_told_in_one_line(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder.png").mkdir()
+    (tmp_path / "file").touch()
     assert_told(glambda(*arguments), *words)
 
 
@@ -216,6 +221,21 @@ def test_bad_recordings_are_told_in_one_line(tmp_path: Path) -> None:
 def test_a_debug_flag_shows_the_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GLAMBDA_DEBUG", "1")
     assert isinstance(glambda("simulate", "fig9").exception, ValueError)
+
+
+@pytest.mark.parametrize(("command", "continues"), [("record", False), ("study", True)])
+def test_ctrl_c_promises_what_is_true(
+    command: str, continues: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: Any, **__: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(importlib.import_module("harness.record"), "simulate", interrupt)
+    monkeypatch.chdir(tmp_path)
+    result = glambda(command, *(() if command == "record" else ("--quick",)))
+    assert result.exit_code == 130
+    assert "what was finished is kept" in result.stderr
+    assert ("the same command continues" in result.stderr) == continues
 
 
 def test_an_absent_solver_is_bad_input(fig3: Path, monkeypatch: pytest.MonkeyPatch) -> None:
