@@ -3,11 +3,12 @@
 A_F is factorized now and then; in between, conjugate gradients work with the old R.  When should
 it be factorized?  The rules that are compared:
 
+    exact QR        at every QP, and (3.19) is solved with Q and R: no conjugate gradients at all
     always, never   at every QP; only where there is no R, as after a restart
     s* paper        every s* QPs, s* = √(2 C_QR/C_IT), predicted with c = r = 1
     s* fitted       the same with c and r fitted
     paper           at once, in the middle of a QP, when a direction is not found in √(2 C_QR/C_IT)
-                    iterations: the solver's own rule, as it is
+                    iterations: the solver's own rule, at every size
     paper deferred  the same threshold, but the QP is finished with the old R, and the next one is
                     factorized: no iterations are thrown away
     fitted          as paper, with the threshold c s*^r of the fitted c and r
@@ -59,10 +60,12 @@ from harness.drift import drift, predicted_exponent
 from harness.factor_rules import (
     Link,
     Rule,
-    beyond_threshold,
     drive,
+    exact,
     fixed,
     online,
+    paper,
+    paper_deferred,
     sequence,
     stopping_at,
 )
@@ -73,7 +76,7 @@ from harness.unit_times import UnitTimes, fit_unit_times
 SWEEP = (1, 2, 3, 5, 8, 12, 18, 25, 40, 60, 100, inf)
 """Fixed intervals that are tried."""
 RULES = (
-    *("always", "never", "s* paper", "s* fitted"),
+    *("exact QR", "always", "never", "s* paper", "s* fitted"),
     *("paper", "paper deferred", "fitted", "online", "online timed"),
 )
 """The rules in the order of tables."""
@@ -208,8 +211,9 @@ def measure(
             rules[f"s* {name}"] = sweep[s]
         limit = threshold(C_QR, C_IT, c, r)
         for rule in (
-            Rule("paper"),
-            Rule("paper deferred", decide=beyond_threshold),
+            exact(),
+            paper(),
+            paper_deferred(),
             stopping_at(limit, int(sizes[:, 1].max())),
             online(),
         ):
@@ -281,7 +285,7 @@ class _Bench:
 
     def warm_up(self) -> None:
         """Let what is compiled or loaded at first use be compiled and loaded."""
-        drive(self.links[:WARM_UP], Rule("warm-up"))
+        drive(self.links[:WARM_UP], paper())
 
     def first(self, rule: Rule) -> Run:
         """Run a rule for its counts, and once for its times."""
@@ -319,7 +323,7 @@ class _Bench:
     def _tell(self, what: str, repeated: float = 0.0) -> None:
         """The first runs are the first half of the bar, their repetition the second."""
         if self.progress is not None:
-            share = min(1.0, len(self.runs) / (len(SWEEP) + 7))
+            share = min(1.0, len(self.runs) / (len(SWEEP) + 8))
             self.progress(what, 0.5 * (share + repeated), 1.0)
 
 

@@ -84,6 +84,21 @@ def fixed(interval: float) -> Rule:
     return Rule(f"interval {interval:g}", {"interval": steps}, None, interval)
 
 
+def paper() -> Rule:
+    """The paper's: at once, when a direction takes more than √(2 C_QR/C_IT) iterations."""
+    return Rule("paper", {"variant": "old_r"})
+
+
+def exact() -> Rule:
+    """No R outlives its QP, and conjugate gradients are not needed."""
+    return Rule("exact QR", {"variant": "exact_qr"})
+
+
+def paper_deferred() -> Rule:
+    """The paper's threshold, but the QP is finished first and the next one is factorized."""
+    return Rule("paper deferred", decide=beyond_threshold)
+
+
 def beyond_threshold(cycle: Cycle, C_QR: float, C_IT: float) -> bool:
     """The last QP took more than √(2 C_QR/C_IT) iterations, rounded up as the solver does."""
     return cycle.last > ceil(sqrt(2 * C_QR / C_IT)) * C_IT
@@ -124,6 +139,8 @@ def drive(
     if rule.decide is not None:
         keep = make_solver("lotstedt", interval=NEVER)
         renew = make_solver("lotstedt", interval=1)
+    # Every rule is charged the same bookkeeping, which takes its toll of the processor's caches.
+    decide = rule.decide or (lambda *_: False)
     last: Solution | None = None
     cycle, age, due = Cycle(), 0, False
     rows = []
@@ -137,10 +154,10 @@ def drive(
         factorized = start is None or work.qr_factorizations > 0
         age = 0 if factorized else age + 1
         due = False
-        if rule.decide is not None and f:
+        if f:
             C_QR, C_IT = qr_flops(m, f), cg_iteration_flops(m, f)
             cycle = one_more(cycle, factorized, work.cg_iterations, work.descent_directions, C_IT)
-            due = rule.decide(cycle, C_QR, C_IT)
+            due = decide(cycle, C_QR, C_IT)
         if free is not None:
             free.append(last.row_id[last.working_set == FREE])
         counts = [getattr(work, name) for name in COUNTS]

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from math import inf, isfinite, isnan, nan
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from harness.criterion import RULES, Measurement, Run
@@ -23,8 +24,14 @@ from reports.table import Table, microseconds, percent, short, whole
 
 NOTABLE = 0.05
 """A regret above this is told in a note."""
-ADAPTIVE = {"paper": "paper", "paper deferred": "deferred", "fitted": "fitted", "online": "online"}
-"""Rules that look at the iterations, and how they are called in narrow columns."""
+MARGIN = {"flops": 0.005, "runtime": 0.03}
+"""Differences below this are not told: ties, and the noise of times."""
+CYCLES = 3
+"""A stretch of fewer cycles than this says little of a rule."""
+HEADS = {"exact QR": "exact", "paper deferred": "deferred", "online timed": "timed"}
+"""How rules are called at the head of narrow columns, where not by their names."""
+ADAPTIVE = {rule: HEADS.get(rule, rule) for rule in ("paper", "paper deferred", "fitted", "online")}
+"""Rules that look at the iterations, and the heads of their columns."""
 
 
 def costs_table(measured: Sequence[Measurement]) -> Table:
@@ -113,7 +120,20 @@ def interval_table(measured: Sequence[Measurement]) -> Table:
         ),
         data=data,
         formats=dict.fromkeys(data.columns[1:], _interval),
+        notes=_interval_notes(data),
     )
+
+
+def _interval_notes(data: pd.DataFrame) -> list[str]:
+    """Recordings that are too short for what they are asked."""
+    cycle = data["s* fitted"].where(np.isfinite(data["s* fitted"]), 0.0)
+    short_ones = data.loc[CYCLES * cycle > data["longest"], "scene"]
+    if not len(short_ones):
+        return []
+    return [
+        f"On {join(list(short_ones))} no stretch between restarts holds {CYCLES} cycles of s* "
+        "fitted, so that regrets there depend on where the stretches end."
+    ]
 
 
 def regret_table(measured: Sequence[Measurement], column: str) -> Table:
@@ -127,7 +147,7 @@ def regret_table(measured: Sequence[Measurement], column: str) -> Table:
                 "scene": one.scene,
                 "best s": best.rule.interval,
                 "cost": best.mean(column),
-                **{rule: one.regret(rule, column) for rule in _shown(column)},
+                **{HEADS.get(rule, rule): one.regret(rule, column) for rule in _shown(column)},
             }
         )
     what = "time" if timed else "counted operations"
@@ -137,16 +157,17 @@ def regret_table(measured: Sequence[Measurement], column: str) -> Table:
         reading=(
             f"cost is the mean per QP at the best fixed interval, in {'µs' if timed else what}; "
             "the rules stand with what they cost above it.  Below 0, a rule is better than every "
-            "fixed interval.  paper gives conjugate gradients up in the middle of a QP; paper "
-            "deferred finishes the QP and factorizes the next; fitted has the threshold of the "
-            "fitted c and r; online stops when the average cost stops falling"
-            + (", online timed by measured times of a factorization." if timed else ".")
+            "fixed interval.  exact factorizes every QP and needs no conjugate gradients, always "
+            "does with them; paper gives conjugate gradients up in the middle of a QP; deferred "
+            "finishes the QP and factorizes the next; fitted has the threshold of the fitted c and "
+            "r; online stops when the average cost stops falling"
+            + (", timed by the measured time of a factorization." if timed else ".")
         ),
         data=pd.DataFrame(rows),
         formats={
             "best s": _interval,
             "cost": microseconds if timed else whole,
-            **dict.fromkeys(_shown(column), signed_percent),
+            **{HEADS.get(rule, rule): signed_percent for rule in _shown(column)},
         },
         notes=_regret_notes(measured, column),
     )
@@ -171,6 +192,17 @@ def _regret_notes(measured: Sequence[Measurement], column: str) -> list[str]:
                     "iterations that are thrown away"
                 )
             notes.append(f"{said}.")
+    without = [
+        one.scene
+        for one in measured
+        if one.rules["exact QR"].mean(column)
+        < min(one.rules[r].mean(column) for r in _shown(column) if r != "exact QR")
+    ]
+    if without:
+        notes.append(
+            f"On {join(without)} a factorization at every QP, without conjugate gradients, is "
+            "cheaper than every rule that keeps R."
+        )
     worst = {rule: max(one.regret(rule, column) for one in measured) for rule in _shown(column)}
     order = sorted(worst, key=worst.__getitem__)
     notes.append(
@@ -178,22 +210,24 @@ def _regret_notes(measured: Sequence[Measurement], column: str) -> list[str]:
         + ", ".join(f"{rule} {_percent(worst[rule])}" for rule in order)
         + "."
     )
+    own = "online timed" if column == "runtime" else "online"
     beaten = [
         f"{one.scene} ({better}, by {_percent(gap)})"
         for one in measured
-        for better, gap in [_better_than_online(one, column)]
-        if gap > 0.005
+        for better, gap in [_better_than(own, one, column)]
+        if gap > MARGIN[column]
     ]
     if beaten:
-        own = "online timed" if column == "runtime" else "online"
-        notes.append(f"{own} is not the cheapest rule that knows nothing ahead on {join(beaten)}.")
+        notes.append(
+            f"{own} is not the cheapest rule that keeps R and knows nothing ahead on "
+            f"{join(beaten)}."
+        )
     return notes
 
 
-def _better_than_online(one: Measurement, column: str) -> tuple[str, float]:
-    """The cheapest of the other rules that need no fit, and by how much of online's cost."""
-    own = "online timed" if column == "runtime" else "online"
-    others = [rule for rule in _shown(column) if "fitted" not in rule and rule != own]
+def _better_than(own: str, one: Measurement, column: str) -> tuple[str, float]:
+    """The cheapest other rule that keeps R and needs no fit, and by how much of the cost of own."""
+    others = [r for r in _shown(column) if "fitted" not in r and r not in (own, "exact QR")]
     best = min(others, key=lambda rule: one.rules[rule].mean(column))
     return best, 1.0 - one.rules[best].mean(column) / one.rules[own].mean(column)
 
@@ -203,7 +237,7 @@ def runs_table(measured: Sequence[Measurement]) -> Table:
     rows = []
     for one in measured:
         named = [(run.rule.name, run) for run in one.sweep]
-        named += [(name, one.rules[name]) for name in RULES[4:]]
+        named += [(name, run) for name, run in one.rules.items() if run.rule.interval is None]
         rows += [_run_row(one, name, run) for name, run in named]
     return Table(
         name="criterion_runs",

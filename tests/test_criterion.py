@@ -16,7 +16,16 @@ from harness.cli import app
 from harness.cost_model import fit_growth, optimal_interval
 from harness.criterion import RULES, Measurement, growth_of, measure, measure_files
 from harness.drift import compare, drift, effort, predicted_exponent
-from harness.factor_rules import Rule, beyond_threshold, drive, fixed, online, sequence
+from harness.factor_rules import (
+    Rule,
+    drive,
+    exact,
+    fixed,
+    online,
+    paper,
+    paper_deferred,
+    sequence,
+)
 from harness.online_rule import Cycle, average_stopped_falling, one_more
 from harness.recording import Recording, write_recording
 from harness.unit_times import PARTS, fit_unit_times
@@ -265,12 +274,12 @@ def test_a_decision_from_outside_is_the_same_as_the_solvers_own_interval() -> No
 
 def test_counts_are_the_same_in_every_run() -> None:
     links = sequence(short_recording("fig5", 100))
-    for rule in (Rule("paper"), Rule("deferred", decide=beyond_threshold), online()):
+    for rule in (paper(), exact(), paper_deferred(), online()):
         pd.testing.assert_frame_equal(drive(links, rule)[COUNTED], drive(links, rule)[COUNTED])
 
 
 def test_the_deferred_rule_factorizes_after_a_qp_of_too_many_iterations() -> None:
-    steps = drive(sequence(short_recording("fig4", 150)), Rule("deferred", decide=beyond_threshold))
+    steps = drive(sequence(short_recording("fig4", 150)), paper_deferred())
     C_QR = np.array([qr_flops(m, f) for m, f in zip(steps["m"], steps["f"], strict=True)])
     C_IT = np.array([cg_iteration_flops(m, f) for m, f in zip(steps["m"], steps["f"], strict=True)])
     each = steps["cg_iterations"] / steps["descent_directions"].clip(lower=1)
@@ -344,6 +353,7 @@ def test_tables_say_who_loses() -> None:
         *("criterion_costs", "criterion_growth", "criterion_interval", "criterion_regret"),
         *("criterion_time", "criterion_premise", "criterion_age"),
     ]
+    assert "exact" in tables["criterion_time"].data and "timed" in tables["criterion_time"].data
     regret = tables["criterion_regret"].data.set_index("scene")
     for one in found:
         assert regret.loc[one.scene, "paper"] == pytest.approx(one.regret("paper"))
@@ -366,6 +376,14 @@ def test_the_premise_is_judged_on_the_qps_of_several_directions() -> None:
     best = min(run.steps.loc[several, "flops"].mean() for run in found.sweep)
     assert data["paper > 1"][0] == pytest.approx(paper / best - 1)
     assert data["several"][0] == pytest.approx(several.sum() / found.counted.sum())
+
+
+def test_a_recording_of_less_than_three_cycles_is_told() -> None:
+    one = measured("fig4")
+    longest = one.sweep[0].steps.groupby("chain").size().max()
+    for cycle, told in ((longest / 3 - 0.1, False), (longest / 3 + 0.1, True), (inf, False)):
+        changed = replace(one, predicted={**one.predicted, "fitted": cycle})
+        assert bool(tables_of([changed])[2].notes) == told
 
 
 def test_growth_that_is_unknown_is_a_dash(tmp_path: Path) -> None:
