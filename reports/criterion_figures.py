@@ -27,11 +27,14 @@ from reports.style import (
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 NEVER_AT = 200.0
 """Where the interval ∞ stands on a logarithmic axis that ends at 100."""
 TICKS = (1, 2, 5, 10, 20, 50, 100)
+WIDE = 2.5
+"""Costs that span more than this factor stand on a logarithmic axis."""
 COLUMNS = 2
 """Panels beside each other."""
 PANEL_HEIGHT = 2.05
@@ -69,8 +72,13 @@ def _sweep_panel(axes: Axes, one: Measurement) -> None:
         [1.0, *(one.rules[name].cost / best.cost for name in ("online", "paper deferred"))]
     )
     top = max(1.12, float(cost.max()), one.rules["paper"].cost / best.cost)
-    margin = 0.09 * (top - lowest)
-    axes.set_ylim(lowest - margin, top + margin)
+    if top > WIDE * lowest:
+        axes.set_yscale("log")
+        _plain_ticks(axes.yaxis)
+        axes.set_ylim(0.93 * lowest, 1.1 * top)
+    else:
+        margin = 0.09 * (top - lowest)
+        axes.set_ylim(lowest - margin, top + margin)
     _model(axes, one)
     for name, colour, style in (
         ("paper", VERMILLION, (0, (4, 2))),
@@ -170,14 +178,19 @@ def _growth_panel(axes: Axes, one: Measurement) -> None:
     axes.set_yscale("log")
     largest = max(one.criterion.free, float(growth.means.max()) if growth is not None else 1.0)
     axes.set_ylim(min(0.8, 0.9 * one.criterion.threshold), 2.2 * largest)
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
-
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axis.set_minor_locator(NullLocator())
+    _plain_ticks(axes.xaxis)
+    _plain_ticks(axes.yaxis)
     axes.grid(axis="y")
     axes.set_title(one.scene)
+
+
+def _plain_ticks(axis: Axis) -> None:
+    """1, 2, 5, 10, … on a logarithmic axis."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_locator(NullLocator())
 
 
 def _aside(axes: Axes, text: str) -> None:
