@@ -479,7 +479,9 @@ def study(
     ] = False,
     scenes: Annotated[
         str | None,
-        typer.Option(help="with spaces between, such as 'fig3 fig4,mu_I=0.8'; all: every scene"),
+        typer.Option(
+            help="with spaces between, such as 'fig3 tower,bodies=20'; all: the paper's four"
+        ),
     ] = None,
     solvers: Annotated[str | None, typer.Option(help="as for replay")] = None,
     results: Annotated[
@@ -495,15 +497,12 @@ def study(
     from harness.display import replay_table
     from harness.progress import shown
     from harness.store import read_results
-    from harness.study import QUICK, Plan, run_study
-    from problems import scene_names
+    from harness.study import PAPER_SCENES, QUICK, Plan, run_study
     from reports.page import write_report
 
     plan = QUICK if quick else Plan()
     if scenes is not None:
-        plan = with_changes(
-            plan, scenes=tuple(scene_names() if scenes == "all" else scenes.split())
-        )
+        plan = with_changes(plan, scenes=PAPER_SCENES if scenes == "all" else tuple(scenes.split()))
     if solvers is not None:
         plan = with_changes(plan, solvers=tuple(_solver_names(solvers)))
     folder = results or Path("results/quick" if quick else "results")

@@ -27,7 +27,9 @@ from problems import scene as make_scene
 from solvers import available_solvers, describe
 
 PAPER_SCENES = ("fig2", "fig3", "fig4", "fig5")
-VARIANTS = ("lotstedt[exact_qr]", "lotstedt[no_working_set]", "lotstedt[plain_cg]")
+VARIANTS = tuple(
+    f"lotstedt[{variant}]" for variant in ("old_r", "exact_qr", "no_working_set", "plain_cg")
+)
 """Variants of the paper's method that the study compares with it."""
 
 

@@ -11,6 +11,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, Protocol
 
+import numpy as np
+
 from problems.qp import ContactQP, Solution
 
 WARM_KINDS = ("step", "iteration", "corrector")
@@ -48,9 +50,9 @@ class QPSequence:
         first = warm and self._restarting
         qp = ContactQP(**fields, accepted=False, restart=first)
         start = self._last if warm and not first else None
-        solution = self.solver.solve(qp, start)
+        solution = self._ask(qp, start)
         if start is not None and not solution.found:
-            solution = self.solver.solve(qp)
+            solution = self._ask(qp, None)
         if solution.x is None:
             raise SimulationError(
                 f"t = {qp.t:.6g}: the solver gave no answer to a {qp.kind} QP with {qp.k} columns "
@@ -62,6 +64,20 @@ class QPSequence:
             self._restarting = False
             self._last = solution
         return qp, solution
+
+    def _ask(self, qp: ContactQP, start: Solution | None) -> Solution:
+        """The solver's answer; whatever it does wrong becomes a `SimulationError` that says so."""
+        where = f"t = {qp.t:.6g}: a {qp.kind} QP with {qp.k} columns: the solver"
+        try:
+            solution = self.solver.solve(qp, start)
+        except Exception as error:
+            raise SimulationError(f"{where} raised {type(error).__name__}: {error}") from error
+        if not isinstance(solution, Solution):
+            raise SimulationError(f"{where} returned {type(solution).__name__}, not a Solution")
+        x = solution.x
+        if x is not None and not (x.shape == (qp.k,) and np.isfinite(x).all()):
+            raise SimulationError(f"{where} returned an x that is not {qp.k} finite numbers")
+        return solution
 
     def settle(self, accepted: bool) -> None:
         """Everything solved since the last call belongs to a step that was accepted or rejected."""

@@ -323,7 +323,9 @@ class Stepper:
         self.t, self.q = self.t + step.h, step.q
         self.history.push(step.h, step.v, step.a)
         self.h_last = max(h_full, step.h)
-        self.lam_known = min(self.lam_known + 1, 2)
+        # λ from before a restart is never extrapolated: (4.4), (4.3), (4.2) after a jump in q̇, and
+        # (4.3), (4.3), (4.2) after one in q̈
+        self.lam_known = min(self.lam_known + 1, self.history.steps, 2)
         for normal, lam in zip(step.assembly.normals, step.lam_N, strict=True):
             normal.lam_before, normal.lam = normal.lam, float(lam)
         for row_id, place in handed_over.items():

@@ -18,6 +18,7 @@ from reports.findings import Answer, join
 from reports.results import METHOD, Results, is_method, solver_order
 from reports.table import Table, microseconds, percent, short, times, whole
 
+OLD_R = f"{METHOD}[old_r]"
 SLOW = 100.0
 """Operations per µs below which the time of a solve cannot be that of its arithmetic."""
 
@@ -44,10 +45,15 @@ def sequence_rows(results: Results, scene: str) -> pd.DataFrame:
         & ~rows["skipped"]
     ]
     warm = rows[(rows["arm"] == "warm") & rows["warm_started"].astype(bool)]
-    served = warm.loc[warm["solver"] == METHOD, "problem"]
+    served = warm.loc[warm["solver"] == keeper(results), "problem"]
     without = ~rows["solver"].isin(rows.loc[rows["arm"] == "warm", "solver"])
     rows = pd.concat([warm, rows[without & (rows["arm"] == "cold")]])
     return rows[rows["problem"].isin(served)]
+
+
+def keeper(results: Results) -> str:
+    """The variant that keeps an old R at every size, if it was run: the criterion is about it."""
+    return OLD_R if OLD_R in results.solvers else METHOD
 
 
 def criterion_tables(results: Results) -> list[Table]:
@@ -73,9 +79,10 @@ def model_table(results: Results, scenes: list[str]) -> Table:
             "C_QR and C_IT are operations per factorization and per conjugate gradient iteration, "
             "means over the scene's time-step QPs.  The paper factorizes anew when a solve takes "
             "more than √(2 C_QR/C_IT) iterations, assuming that iterations grow by one per step; "
-            f"it then expects a factorization every s* QPs.  The other columns are what {METHOD} "
-            "did on the QPs that it started warm.  C(n*)/T is the predicted cost of factorizations "
-            "and iterations per QP, QR + CG the same as counted; flops is all the work per QP."
+            "it then expects a factorization every s* QPs.  The other columns are what "
+            f"{keeper(results)} did on the QPs that it started warm.  C(n*)/T is the predicted cost of "
+            "factorizations and iterations per QP, QR + CG the same as counted; flops is all the work "
+            "per QP."
         ),
         data=data,
         formats={
@@ -91,7 +98,7 @@ def _model_row(results: Results, scene: str) -> dict[str, Any]:
     from harness.cost_model import criterion_of, optimal_interval
 
     rows = sequence_rows(results, scene)
-    own = rows[rows["solver"] == METHOD]
+    own = rows[rows["solver"] == keeper(results)]
     recording = results.recordings.get(scene)
     counted = criterion_of(recording) if recording is not None else None
     known = counted is not None and counted.calls > 0
@@ -139,9 +146,10 @@ def _model_notes(data: pd.DataFrame) -> list[str]:
 def alternatives_table(results: Results, scenes: list[str]) -> Table:
     """Work and time of variants and backends on the QPs that the method started warm."""
     out: list[dict[str, Any]] = []
+    name = keeper(results)
     for scene in scenes:
         rows = sequence_rows(results, scene)
-        own = rows[rows["solver"] == METHOD]
+        own = rows[rows["solver"] == name]
         for solver, part in rows.groupby("solver"):
             counted = is_method(str(solver))
             flops = part["flops"].mean() if counted else np.nan
@@ -172,8 +180,8 @@ def alternatives_table(results: Results, scenes: list[str]) -> Table:
         name="criterion_alternatives",
         title="The same QPs by the variants and by everybody else",
         reading=(
-            f"The QPs that {METHOD} started warm, at setting {results.headline}.  Ratios are to "
-            f"{METHOD}: below 1 is cheaper than the paper's criterion.  Operations are counted by "
+            f"The QPs that {name} started warm, at setting {results.headline}.  Ratios are to "
+            f"{name}: below 1 is cheaper than the paper's criterion.  Operations are counted by "
             "the paper's method and its variants only; median is the time per QP in µs.  flops per "
             "µs tells how much of the time is arithmetic and how much the program around it."
         ),
@@ -189,31 +197,31 @@ def alternatives_table(results: Results, scenes: list[str]) -> Table:
             "time ratio": times,
             "flops per µs": short,
         },
-        notes=_variant_notes(data),
+        notes=_variant_notes(data, name),
     )
 
 
-def _variant_notes(data: pd.DataFrame) -> list[str]:
+def _variant_notes(data: pd.DataFrame, name: str) -> list[str]:
     """How fast the arithmetic is, and variants that need less of it, or less time."""
     notes = []
-    own = data[data["solver"] == METHOD]
+    own = data[data["solver"] == name]
     if len(own) and own["flops per µs"].max() < SLOW:
         notes.append(
-            f"{METHOD} does {_span(own['flops per µs'])} operations per µs, far from what a "
+            f"{name} does {_span(own['flops per µs'])} operations per µs, far from what a "
             "processor can do: its time here is mostly that of the program around the arithmetic."
         )
-    variants = data[[is_method(name) and name != METHOD for name in data["solver"]]]
+    variants = data[[is_method(other) and other != name for other in data["solver"]]]
     for row in variants.to_dict("records"):
         where = f"On {row['scene']} {row['solver']} needs"
         if row["flops ratio"] < 1 and row["time ratio"] < 1:
             notes.append(
-                f"{where} {short(row['flops ratio'])} of the operations of {METHOD} and "
+                f"{where} {short(row['flops ratio'])} of the operations of {name} and "
                 f"{short(row['time ratio'])} of its time."
             )
         elif row["flops ratio"] < 1:
-            notes.append(f"{where} {short(row['flops ratio'])} of the operations of {METHOD}.")
+            notes.append(f"{where} {short(row['flops ratio'])} of the operations of {name}.")
         elif row["time ratio"] < 1:
-            notes.append(f"{where} {short(row['time ratio'])} of the time of {METHOD}.")
+            notes.append(f"{where} {short(row['time ratio'])} of the time of {name}.")
     return notes
 
 
@@ -226,7 +234,7 @@ def criterion_answer(results: Results) -> Answer | None:
     limits = model["√(2 C_QR/C_IT)"].dropna()
     total, made = int(model["warm QPs"].sum()), int(model["factorizations"].sum())
     iterations = float((model["CG per QP"] * model["warm QPs"]).sum() / total)
-    said = []
+    said, name = [], keeper(results)
     if len(limits):
         said.append(
             f"By the paper's criterion, when a solve takes more than {_span(limits)} conjugate "
@@ -234,10 +242,10 @@ def criterion_answer(results: Results) -> Answer | None:
         )
     often = f"one in {short(total / made)}" if made else "none"
     said.append(
-        f"Started warm, {METHOD} took {short(iterations)} iterations per QP and factorized "
+        f"Started warm, {name} took {short(iterations)} iterations per QP and factorized "
         f"{made:,} times in {total:,} QPs, {often}."
     )
-    for variant in sorted({name for name in alternatives["solver"] if name != METHOD}):
+    for variant in sorted({other for other in alternatives["solver"] if other != name}):
         part = alternatives[alternatives["solver"] == variant]
         if not is_method(variant) or part["flops ratio"].isna().all():
             continue

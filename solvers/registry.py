@@ -78,7 +78,10 @@ def solver_class(name: str) -> type[Solver]:
     if target is None:
         raise ValueError(f"unknown solver {name!r}; there are: {', '.join(_targets())}")
     module, _, attribute = target.partition(":")
-    return getattr(importlib.import_module(module), attribute)
+    cls = getattr(importlib.import_module(module), attribute)
+    if not (isinstance(cls, type) and issubclass(cls, Solver)):
+        raise ImportError(f"{target} is not a class derived from solvers.base.Solver")
+    return cls
 
 
 def make_solver(name: str, **options: Any) -> Solver:
@@ -117,7 +120,7 @@ def describe(name: str) -> SolverInfo:
         form=cls.form,
         warm_start=cls.warm_start,
         regularisation=cls.regularisation,
-        summary=(cls.__doc__ or "").strip().splitlines()[0],
+        summary=(cls.__doc__ or "no description").strip().splitlines()[0],
     )
 
 

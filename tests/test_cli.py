@@ -66,7 +66,8 @@ def test_help_loads_nothing_heavy() -> None:
 
 
 @pytest.mark.parametrize(
-    "command", ["simulate", "record", "replay", "verify", "report", "study", "info", "scenes"]
+    "command",
+    ["simulate", "record", "replay", "verify", "report", "study", "info", "scenes", "criterion"],
 )
 def test_every_command_explains_itself(command: str) -> None:
     result = glambda(command, "--help")

@@ -28,7 +28,7 @@ def test_parameters_are_all_recorded_and_changes_make_the_label():
     [
         ("fig9", {}, "unknown scene 'fig9'; there are: fig2"),
         ("fig2", {"bodies": 3}, "no parameter 'bodies'; it has: boxes"),
-        ("fig2", {"boxes": "many"}, "must be a int"),
+        ("fig2", {"boxes": "many"}, "must be of type int"),
         ("fig2", {"boxes": 2.5}, "must be a whole number"),
         ("fig2", {"velocity": "nan"}, "must be finite"),
         ("fig2", {"pushed": 9}, "must be a box from 1 to 5"),

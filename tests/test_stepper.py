@@ -251,6 +251,42 @@ def test_a_mute_solver_ends_the_simulation_with_a_reason():
         simulate(one_box(), Mute())
 
 
+class Broken:
+    """Answers every QP in the same wrong way."""
+
+    def __init__(self, answer):
+        self.answer = answer
+
+    def solve(self, qp, start=None):
+        return self.answer(qp)
+
+
+def crash(qp):
+    raise ValueError("no licence")
+
+
+def nan(qp):
+    return Solution(
+        x=np.full(qp.k, np.nan),
+        row_id=qp.row_id,
+        status=Status.SOLVED,
+        working_set=np.zeros(qp.k, np.int8),
+    )
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        (crash, "raised ValueError: no licence"),
+        (nan, "not 2 finite numbers"),
+        (lambda qp: None, "returned NoneType"),
+    ],
+)
+def test_whatever_a_solver_does_wrong_is_said(answer, words):
+    with pytest.raises(SimulationError, match=words):
+        simulate(one_box(), Broken(answer))
+
+
 # --- what is kept --------------------------------------------------------------------------------
 
 

@@ -57,7 +57,7 @@ def describe_scene(name: str) -> tuple[str, dict[str, Any]]:
     """First line of the scene's docstring, and its parameters with their defaults."""
     maker = _maker(name)
     defaults = {p.name: p.default for p in inspect.signature(maker).parameters.values()}
-    return (inspect.getdoc(maker) or "").splitlines()[0], defaults
+    return (inspect.getdoc(maker) or "no description").splitlines()[0], defaults
 
 
 def scene(name: str, **parameters: Any) -> Scene:
@@ -74,6 +74,8 @@ def scene(name: str, **parameters: Any) -> Scene:
             )
         parameters[key] = _like(value, defaults[key], f"scene {name!r}: {key}")
     made = _maker(name)(**parameters)
+    if not isinstance(made, Scene):
+        raise ValueError(f"scene {name!r} made a {type(made).__name__}, not a problems.Scene")
     changed = {k: v for k, v in parameters.items() if v != defaults[k]}
     label = ",".join([name, *(f"{k}={changed[k]}" for k in defaults if k in changed)])
     return replace(made, name=name, label=label, parameters={**defaults, **parameters})
@@ -85,7 +87,7 @@ def _like(value: Any, default: Any, what: str) -> Any:
     try:
         made = value if isinstance(value, kind) else kind(value)
     except (TypeError, ValueError):
-        raise ValueError(f"{what} = {value!r}; it must be a {kind.__name__}") from None
+        raise ValueError(f"{what} = {value!r}; it must be of type {kind.__name__}") from None
     if isinstance(made, float) and not math.isfinite(made):
         raise ValueError(f"{what} = {value!r}; it must be finite")
     if kind is int and float(value) != made:

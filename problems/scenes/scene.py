@@ -22,7 +22,7 @@ class Scene:
     ground : half planes that do not move
     forces : beside gravity;  impulses : external, at given times
     mu : friction coefficient;  mu_pairs : of particular pairs (body numbers from 1, 0 the ground)
-    mu_I : impulse friction coefficient;  gravity : [m/s²];  eps : ε
+    mu_I : impulse friction coefficient, of contacts with mu > 0 (§5);  gravity : [m/s²];  eps : ε
     end_time : [s];  stop_at_rest : end as soon as everything has been still for a while
     name, parameters : the function that made it and all its named parameters
 
@@ -68,6 +68,11 @@ class Scene:
                     f"mu_pairs[{pair}] = {mu!r}: needs two body numbers from 0 (the ground) to "
                     f"{n} and a coefficient that is not negative"
                 )
+        if self.mu_I > 0 and not (self.mu > 0 or any(mu > 0 for mu in self.mu_pairs.values())):
+            raise ValueError(
+                f"mu_I = {self.mu_I:g} acts on contacts with friction only, and mu is 0 "
+                "everywhere; set mu above 0 as well"
+            )
         if not self.label:
             object.__setattr__(self, "label", self.name)
 
