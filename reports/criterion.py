@@ -81,8 +81,8 @@ def model_table(results: Results, scenes: list[str]) -> Table:
             "more than √(2 C_QR/C_IT) iterations, assuming that iterations grow by one per step; "
             "it then expects a factorization every s* QPs.  The other columns are what "
             f"{keeper(results)} did on the QPs that it started warm.  C(n*)/T is the predicted "
-            "cost of factorizations and iterations per QP, QR + CG the same as counted; flops is all "
-            "the work per QP."
+            "cost of factorizations and iterations per QP, QR + CG the same as counted; flops is "
+            "all the work per QP."
         ),
         data=data,
         formats={

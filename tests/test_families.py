@@ -74,6 +74,13 @@ def test_the_start_is_slow_or_at_rest(name):
     np.testing.assert_array_equal(moving.q0, resting.q0)
 
 
+@pytest.mark.parametrize("name", PILES)
+def test_courses_slide_in_turns_to_the_right_and_to_the_left(name):
+    made = scene(name, bodies=10, speed=0.02)
+    course = np.round(made.q0[:, 1] - 0.5)
+    assert (made.v0[:, 0] * (-1) ** course >= 0.01).all()
+
+
 def test_a_tower_has_two_contacts_on_every_level():
     assert contacts_of(scene("tower", bodies=9)) == 18
     assert contacts_of(scene("tower", bodies=9, jitter=0.0)) == 18
@@ -102,6 +109,9 @@ def test_a_pyramid_has_one_brick_fewer_in_each_course():
     made = scene("pyramid", bodies=10)
     _, counts = np.unique(made.q0[:, 1], return_counts=True)
     np.testing.assert_array_equal(counts, [4, 3, 2, 1])
+    x = made.q0[:, 0]
+    np.testing.assert_allclose(x[4:7], (x[0:3] + x[1:4]) / 2)
+    np.testing.assert_allclose(x[9], (x[7] + x[8]) / 2)
     assert contacts_of(made) == 2 * 4 + 4 * 6
 
 
