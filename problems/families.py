@@ -177,7 +177,7 @@ def heap(
     width: float = 0.0,
     speed: float = 0.01,
     density: float = 1.0,
-    mu: float = 0.5,
+    mu: float = 0.3,
     mu_I: float = 0.0,
     seed: int = 0,
     gravity: float = 9.81,
