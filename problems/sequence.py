@@ -59,7 +59,8 @@ class QPSequence:
                 f"({solution.status.name.lower()}: {solution.status_text or solution.status.value})"
             )
         self.qps.append(qp)
-        self.solutions.append(solution)
+        # what a solver wants back goes to its successor only: it may be far larger than the answer
+        self.solutions.append(replace(solution, memory=None))
         if warm:
             self._restarting = False
             self._last = solution
