@@ -14,9 +14,9 @@ import numpy as np
 from scipy.optimize import brentq
 
 from problems.constraint_graph import ConstraintGraph, Normal
-from problems.contacts import GROUND, Geometry
+from problems.contacts import GROUND, Geometry, Pose
 from problems.multistep import Path
-from problems.qp import Vector
+from problems.qp import Indices, Vector
 
 SAME_TIME = 1e-9
 """Events within this many seconds of each other are simultaneous."""
@@ -58,15 +58,20 @@ def locate_zero(function: Callable[[float], float], h: float, f0: float, f1: flo
 
 
 def approach_speed(
-    geometry: Geometry, q: Vector, v: Vector, corner: int, part: int, edge: int
+    geometry: Geometry, pose: Pose, v: Vector, corner: int, part: int, edge: int
 ) -> float:
     """g_Nᵀ q̇ of one corner–edge pair [m/s]; negative when they approach."""
     one = np.array([corner]), np.array([part]), np.array([edge])
-    columns = geometry.columns(geometry.pose(q), *one)
-    a, b = columns.bodies[0]
-    speed = columns.normal[0, :3] @ v[3 * a : 3 * a + 3]
+    columns = geometry.columns(pose, *one)
+    return _relative_speed(columns.normal[0], columns.bodies[0], v)
+
+
+def _relative_speed(entries: Vector, bodies: Indices, v: Vector) -> float:
+    """A column's six entries times the velocities of its two bodies; the ground stands still."""
+    a, b = bodies
+    speed = entries[:3] @ v[3 * a : 3 * a + 3]
     if b != GROUND:
-        speed += columns.normal[0, 3:] @ v[3 * b : 3 * b + 3]
+        speed += entries[3:] @ v[3 * b : 3 * b + 3]
     return float(speed)
 
 
@@ -93,11 +98,11 @@ def first_hits(graph: ConstraintGraph, path: Path, h: float, slowest: float) -> 
             return float(geometry.clearance(geometry.pose(path(step)), *one)[0]) - ref
 
         where = _crossing(gap, h, float(before[i]), float(after[i]))
-        q = path(where)
-        edge = geometry.hit_edge(geometry.pose(q), c, p)
-        if approach_speed(geometry, q, path.rate(where), c, p, edge) >= -slowest:
+        pose = geometry.pose(path(where))
+        edge = geometry.hit_edge(pose, c, p)
+        if approach_speed(geometry, pose, path.rate(where), c, p, edge) >= -slowest:
             continue
-        if graph.redundant(geometry.pose(q), c, p, edge):
+        if graph.redundant(pose, c, p, edge):
             continue
         hits.append(Hit(where, c, p, edge))
     if not hits:
@@ -175,28 +180,25 @@ def touching(graph: ConstraintGraph, q: Vector, v: Vector, slowest: float) -> li
     for i in np.flatnonzero(np.abs(gap) <= TOUCH_TOL):
         c, p = int(corner[i]), int(part[i])
         edge = geometry.hit_edge(pose, c, p)
-        if approach_speed(geometry, q, v, c, p, edge) >= -slowest:
+        if approach_speed(geometry, pose, v, c, p, edge) >= -slowest:
             continue
         if graph.redundant(pose, c, p, edge):
             continue
-        found.append((_inwardness(geometry, q, v, c, p, edge), Hit(0.0, c, p, edge)))
+        found.append((_inwardness(geometry, pose, v, c, p, edge), Hit(0.0, c, p, edge)))
     found.sort(key=lambda entry: (-entry[0][0], -entry[0][1], entry[1].corner, entry[1].part))
     return [hit for _, hit in found]
 
 
 def _inwardness(
-    geometry: Geometry, q: Vector, v: Vector, corner: int, part: int, edge: int
+    geometry: Geometry, pose: Pose, v: Vector, corner: int, part: int, edge: int
 ) -> tuple[float, float]:
     """How far inside its edge a corner is, and how fast it moves inwards, rounded to tolerances."""
     one = np.array([corner]), np.array([part]), np.array([edge])
-    columns = geometry.columns(geometry.pose(q), *one)
+    columns = geometry.columns(pose, *one)
     along, length = float(columns.along[0]), float(columns.length[0])
     if not np.isfinite(length):
         return 0.0, 0.0
-    a, b = columns.bodies[0]
-    speed = columns.tangent[0, :3] @ v[3 * a : 3 * a + 3]
-    if b != GROUND:
-        speed += columns.tangent[0, 3:] @ v[3 * b : 3 * b + 3]
+    speed = _relative_speed(columns.tangent[0], columns.bodies[0], v)
     near_start = along < length / 2
     inside = along if near_start else length - along
-    return round(inside / geometry.contact_tol), float(speed if near_start else -speed)
+    return round(inside / geometry.contact_tol), speed if near_start else -speed

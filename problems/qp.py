@@ -17,7 +17,6 @@ Types in this module are frozen and own read-only arrays; they are safe to share
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum
 from functools import cached_property
@@ -287,8 +286,3 @@ def positions_of(row_id: ArrayLike, previous: ArrayLike) -> NDArray[np.int64]:
     place = np.minimum(np.searchsorted(previous, row_id, sorter=order), previous.size - 1)
     found = order[place]
     return np.where(previous[found] == row_id, found, -1).astype(np.int64)
-
-
-def stack_columns(columns: Sequence[Vector], m: int) -> Vector:
-    """Columns side by side as an (m, k) C array; (m, 0) for none."""
-    return np.column_stack(columns) if len(columns) else np.zeros((m, 0))

@@ -226,8 +226,10 @@ class Stepper:
 
     def advance(self, end: float) -> None:
         """One accepted step, or one event where no time passes."""
-        self._check_constraints()
-        self._sort_signs()
+        here = Assembly(self.graph, self.q)
+        self._check_constraints(here)
+        slip_before = here.G_F.T @ self.history.v
+        self._sort_signs(here, slip_before)
         path = self.history.path(self.q)
         h_full = self._step_length()
         h = min(h_full, min([*self._scheduled(), end]) - self.t)
@@ -250,7 +252,7 @@ class Stepper:
                 self._reject()
                 continue
             assert step is not None
-            h_stick, stopped = self._slip_to_stick(step)
+            h_stick, stopped = self._slip_to_stick(step, slip_before)
             if h_stick < SHORTEST_STEP:
                 self._reject()
                 self._count_standstill()
@@ -460,7 +462,9 @@ class Stepper:
                 self._log("slip_to_stick", self._contact_name(friction.contact))
         self._restart(1)
 
-    def _slip_to_stick(self, step: VelocityStep) -> tuple[float, list[Friction]]:
+    def _slip_to_stick(
+        self, step: VelocityStep, slip_before: Vector
+    ) -> tuple[float, list[Friction]]:
         """h at which the first sliding contact stops, and which do; (inf, []) where none does.
 
         Inverse linear interpolation of g_Fᵀq̇; a contact that slips slower than 0.01 ε at h has
@@ -470,7 +474,7 @@ class Stepper:
         sliding = [j for j, f in enumerate(assembly.frictions) if f.sign != 0]
         if not sliding:
             return np.inf, []
-        before = (Assembly(self.graph, self.q).G_F.T @ self.history.v)[sliding]
+        before = slip_before[sliding]
         after = step.slip_speed[sliding]
         still = 0.01 * self.options.eps
         lengths = np.full(len(sliding), np.inf)
@@ -497,20 +501,14 @@ class Stepper:
         for friction, speed in zip(assembly.frictions, assembly.G_F.T @ v, strict=True):
             friction.sign = 0 if abs(speed) <= self.options.eps else -int(np.sign(speed))
 
-    def _sort_signs(self) -> None:
+    def _sort_signs(self, assembly: Assembly, slip: Vector) -> None:
         """Signs s_i such that (2.9b) is satisfied at t_{n−1}."""
-        if not any(f.sign for f in self.graph.frictions.values()):
-            return
-        assembly = Assembly(self.graph, self.q)
-        for friction, speed in zip(
-            assembly.frictions, assembly.G_F.T @ self.history.v, strict=True
-        ):
+        for friction, speed in zip(assembly.frictions, slip, strict=True):
             if friction.sign != 0 and speed != 0:
                 friction.sign = -int(np.sign(speed))
 
-    def _check_constraints(self) -> None:
+    def _check_constraints(self, assembly: Assembly) -> None:
         """g_Nᵀq̇ ≥ 0 must hold at the start of a step, to the accuracy of the QP."""
-        assembly = Assembly(self.graph, self.q)
         speed = assembly.G_N.T @ self.history.v
         if speed.size and speed.min() < -10 * self.options.eps:
             i = int(np.argmin(speed))

@@ -54,11 +54,6 @@ class VelocityStep:
     passes: int
 
     @property
-    def normal_speed(self) -> Vector:
-        """g_Nᵀq̇_n (N,)."""
-        return self.assembly.G_N.T @ self.v
-
-    @property
     def slip_speed(self) -> Vector:
         """g_Fᵀq̇_n (F,)."""
         return self.assembly.G_F.T @ self.v

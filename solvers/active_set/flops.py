@@ -1,4 +1,4 @@
-"""Counting the work of algorithm 2: floating-point operations by formula, and a tally of events.
+"""Counting the work of algorithm 2: floating-point operations by formula.
 
 The refactorization criterion of Lötstedt 1984, §3.2, weighs C_QR, the cost of a factorization,
 against C_IT, the cost of one conjugate gradient iteration.  Both are counted here, in operations
@@ -8,10 +8,8 @@ columns.  Counts are exact functions of the sizes, so that two runs on any machi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import sqrt
 
-from problems.qp import WorkCounts
 from solvers.active_set.compiled import kernel
 
 
@@ -62,14 +60,6 @@ def delete_flops(m: int, f: int, position: int, keep_Q: bool) -> int:
 
 
 @kernel
-def delete_many_flops(m: int, f: int, first: int, n_deleted: int, keep_Q: bool) -> int:
-    """Remove several columns, the first at `first`: Householder QR of what is right below it."""
-    rows, columns = f - first, f - first - n_deleted
-    form_Q = keep_Q and columns > 0
-    return qr_flops(rows, columns, form_Q) + (2 * m * rows * columns if form_Q else 0)
-
-
-@kernel
 def estimate_flops(f: int) -> int:
     """Estimate of ‖R⁻¹‖ (Cline et al. 1979): one solve with look-ahead and one plain solve."""
     return 4 * f * f
@@ -79,18 +69,3 @@ def estimate_flops(f: int) -> int:
 def cg_limit(m: int, f: int) -> float:
     """(2 C_QR/C_IT)^½: a direction that needs more iterations calls for a new factorization."""
     return sqrt(2 * qr_flops(m, f) / cg_iteration_flops(m, f)) if f else 0.0
-
-
-@dataclass
-class Tally:
-    """Running totals of one solve; `counts` freezes them."""
-
-    descent_directions: int = 0
-    working_set_changes: int = 0
-    qr_factorizations: int = 0
-    qr_updates: int = 0
-    cg_iterations: int = 0
-    flops: int = 0
-
-    def counts(self) -> WorkCounts:
-        return WorkCounts(**vars(self))

@@ -25,6 +25,7 @@ from solvers.active_set.factorization import (
 )
 from solvers.active_set.flops import (
     cg_iteration_flops,
+    cg_limit,
     delete_flops,
     estimate_flops,
     insert_flops,
@@ -375,7 +376,7 @@ def direction_by_cg(S, I, m, mp, f, tolerance, mode):
     """
     for _ in range(2):
         plain = (mode & NO_R) != 0
-        limit = sqrt(2.0 * qr_flops(m, f, False) / cg_iteration_flops(m, f, True))
+        limit = cg_limit(m, f)
         interval = 0
         if mode & CUSTOM:
             interval = I[COUNTS, INTERVAL]

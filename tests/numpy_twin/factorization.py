@@ -29,10 +29,10 @@ from problems.qp import Vector
 from solvers.active_set.flops import (
     cg_iteration_flops,
     delete_flops,
-    delete_many_flops,
     insert_flops,
 )
 from tests.numpy_twin.conjugate_gradients import conjugate_gradients, solve_R
+from tests.numpy_twin.tally import delete_many_flops
 
 Positions = NDArray[np.intp]
 

@@ -56,7 +56,6 @@ from numpy.typing import NDArray
 
 from problems.qp import AT_LOWER, AT_UPPER, FREE, PASSIVE, ContactQP, Status, Vector
 from solvers.active_set.flops import (
-    Tally,
     cg_iteration_flops,
     cg_limit,
     estimate_flops,
@@ -81,6 +80,7 @@ from tests.numpy_twin.start import (
     initial_point,
     scale_qp,
 )
+from tests.numpy_twin.tally import Tally
 
 SHARE = 0.1
 """Part of ε₀ that the direction and the signs may each take."""

@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from problems.qp import AT_LOWER, AT_UPPER, FREE, ContactQP, Vector
-from solvers.active_set.flops import Tally
 from solvers.base import Start
 from tests.numpy_twin.factorization import (
     Factorization,
@@ -27,6 +26,7 @@ from tests.numpy_twin.factorization import (
     qr_delete,
     qr_insert,
 )
+from tests.numpy_twin.tally import Tally
 
 
 class ScaledQP(NamedTuple):
