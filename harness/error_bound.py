@@ -19,8 +19,9 @@ Every x̄ and every admissible v give a bound; the least one found is kept.
 5. v = −r is always admissible and needs no S: the bound is then ‖r‖.
 
 r and Δ' are evaluated in `numpy.longdouble`, and what rounding can do to them is added to ‖v‖: for
-r as it is, for Δ' by the v that would undo it, ‖δ‖/σ_min(A_S).  Singular values below `RANK_TOL`
-count as 0 there, which is the one place where "up to rounding" is not proved.
+r as it is, for Δ' by the v that would undo it, ‖δ‖/σ_min(A_S).  Small singular values count as 0
+there (`harness.span`: below 1e-12 of the largest, or 1e-6 where A_S has many columns), which is the
+one place where "up to rounding" is not proved.
 """
 
 from __future__ import annotations
@@ -31,14 +32,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.facts import Facts, facts_of
+from harness.span import Span, span_of
 from problems.qp import ContactQP
 
-RANK_TOL = 1e-12
 UNIT = float(np.finfo(np.longdouble).eps)
 TINY = 1e-7
 """Entries within this fraction of max |x| of a bound are snapped to it, in one of the trials."""
 
+MAX_GROWTH = 100
+"""Times that a set of rows may grow before the trial is given up; each takes a factorization."""
+
 Flags = NDArray[np.bool_]
+
+
+class _Spans:
+    """Spans of sets of columns of one QP; the last one is kept, for it is asked for again."""
+
+    def __init__(self, facts: Facts) -> None:
+        self.columns = facts.unit_columns
+        self._last: tuple[Flags, Span] | None = None
+
+    def __call__(self, S: Flags) -> Span:
+        if self._last is None or not np.array_equal(self._last[0], S):
+            self._last = S.copy(), span_of(self.columns[:, S])
+        return self._last[1]
 
 
 def error_bound(qp: ContactQP, x: np.ndarray, facts: Facts | None = None) -> float:
@@ -51,11 +68,11 @@ def error_bound(qp: ContactQP, x: np.ndarray, facts: Facts | None = None) -> flo
     x = np.asarray(x)
     if x.shape != (qp.k,) or not np.isfinite(x).all():
         return float("inf")
-    best = np.inf
+    best, spans = np.inf, _Spans(facts)
     for inside in _candidates(facts, x):
         moved = float(np.linalg.norm(facts.A @ (x - inside)))
         if moved < best:
-            best = min(best, moved + _bound_at(facts, inside, best - moved))
+            best = min(best, moved + _bound_at(facts, spans, inside, best - moved))
     return best
 
 
@@ -78,26 +95,28 @@ def _candidates(facts: Facts, x: np.ndarray) -> Iterator[np.ndarray]:
             yield snapped
 
 
-def _bound_at(facts: Facts, x: np.ndarray, enough: float) -> float:
+def _bound_at(facts: Facts, spans: _Spans, x: np.ndarray, enough: float) -> float:
     """Least bound over a few S at one x within its bounds.
 
     enough : do not go on once the bound cannot improve on this
     """
     qp, A = facts.qp, facts.A
     r = A @ x + facts.d
-    rounding = (qp.k + 2) * UNIT * (np.abs(A) @ np.abs(x) + np.abs(facts.d))
+    rounding = (facts.row_terms + 2) * UNIT * (abs(A) @ np.abs(x) + np.abs(facts.d))
     lost = float(np.linalg.norm(rounding))
     best = float(np.linalg.norm(r)) + lost
     free = (x > qp.lower) & (x < qp.upper)
     for S, all_signs in ((free, True), (np.zeros_like(free), False)):
-        bound = lost + _bound_on(facts, x, r, S, all_signs)
+        bound = lost + _bound_on(facts, spans, x, r, S, all_signs)
         best = min(best, bound)
         if best <= 1e-3 * enough:
             break
     return best
 
 
-def _bound_on(facts: Facts, x: np.ndarray, r: np.ndarray, S: Flags, all_signs: bool) -> float:
+def _bound_on(
+    facts: Facts, spans: _Spans, x: np.ndarray, r: np.ndarray, S: Flags, all_signs: bool
+) -> float:
     """Bound with v = −(A_Sᵀ)⁺Δ_S, S enlarged until v is admissible; inf if it never is.
 
     all_signs : enlarge S further until every row at a bound has its sign, which makes g = 0
@@ -109,11 +128,11 @@ def _bound_on(facts: Facts, x: np.ndarray, r: np.ndarray, S: Flags, all_signs: b
         fixed = qp.lower == qp.upper
         up_is_wrong = no_lower | ((x >= qp.upper) & ~fixed)
         down_is_wrong = no_upper | ((x <= qp.lower) & ~fixed)
-    absolute = np.abs(A)
-    for _ in range(qp.k + 1):
-        v = _least_correction(facts, r, S)
+    absolute = abs(A)
+    for _ in range(min(qp.k + 1, MAX_GROWTH)):
+        v = _least_correction(facts, spans, r, S)
         gradient = A.T @ (r + v)
-        margin = (qp.m + 2) * UNIT * (absolute.T @ (np.abs(r) + np.abs(v)))
+        margin = (facts.column_terms + 2) * UNIT * (absolute.T @ (np.abs(r) + np.abs(v)))
         # Rows of S vanish but for rounding, which is undone below.
         gradient[S] = 0.0
         bad = (down_is_wrong & (gradient < -margin)) | (up_is_wrong & (gradient > margin))
@@ -122,11 +141,16 @@ def _bound_on(facts: Facts, x: np.ndarray, r: np.ndarray, S: Flags, all_signs: b
         S = S | bad
     else:
         return float("inf")
-    return _evaluate(facts, x, v, A.T @ (r + v), margin)
+    return _evaluate(facts, spans, x, v, A.T @ (r + v), margin)
 
 
 def _evaluate(
-    facts: Facts, x: np.ndarray, v: np.ndarray, gradient: np.ndarray, margin: np.ndarray
+    facts: Facts,
+    spans: _Spans,
+    x: np.ndarray,
+    v: np.ndarray,
+    gradient: np.ndarray,
+    margin: np.ndarray,
 ) -> float:
     """½(‖v‖ + √(‖v‖² + 4g)) with the rounding of Δ' on either side of its sign.
 
@@ -138,7 +162,7 @@ def _evaluate(
     no_upper, no_lower = np.isinf(qp.upper), np.isinf(qp.lower)
     unsure = np.zeros(qp.k, bool)
     undo = 0.0
-    for _ in range(qp.k + 1):
+    for _ in range(min(qp.k + 1, MAX_GROWTH)):
         reach = margin + norms * undo
         more = (
             (np.abs(gradient) <= reach)
@@ -149,7 +173,10 @@ def _evaluate(
             break
         unsure |= more
         slack = (np.abs(gradient) + margin)[unsure]
-        undo = _undoing(facts.unit_columns[:, unsure], slack / norms[unsure])
+        # the least ‖w‖ with A_Sᵀ w = −slack, which is known to be consistent
+        undo = float(np.linalg.norm(slack / norms[unsure])) / spans(unsure).least_singular_value
+    else:
+        return float("inf")
     below = np.where(no_lower, 0.0, x - np.where(no_lower, 0.0, qp.lower))
     above = np.where(no_upper, 0.0, np.where(no_upper, 0.0, qp.upper) - x)
     # An uncertain row adds nothing to g: its gradient is 0 once w is added.
@@ -159,23 +186,14 @@ def _evaluate(
     return 0.5 * (size + float(np.sqrt(size * size + 4.0 * g)))
 
 
-def _undoing(columns: np.ndarray, gradient: np.ndarray) -> float:
-    """Bound on the least ‖w‖ with columnsᵀ w = −gradient, which is known to be consistent."""
-    sigma = np.linalg.svd(columns, compute_uv=False)
-    kept = sigma[sigma > RANK_TOL * sigma[0]]
-    return float(np.linalg.norm(gradient)) / float(kept[-1]) if kept.size else 0.0
-
-
-def _least_correction(facts: Facts, r: np.ndarray, S: Flags) -> np.ndarray:
+def _least_correction(facts: Facts, spans: _Spans, r: np.ndarray, S: Flags) -> np.ndarray:
     """v = −(A_Sᵀ)⁺ A_Sᵀ r, refined in extended precision."""
     v = np.zeros_like(r)
     if not S.any():
         return v
-    U, sigma, Vt = np.linalg.svd(facts.unit_columns[:, S], full_matrices=False)
-    kept = sigma > RANK_TOL * sigma[0]
-    U, sigma, Vt = U[:, kept], sigma[kept], Vt[kept]
+    span = spans(S)
     A_S, norms = facts.A[:, S], facts.norms[S]
-    for _ in range(3):
+    for _ in range(span.passes):
         gradient = np.asarray((A_S.T @ (r + v)) / norms, float)
-        v = v - U @ ((Vt @ gradient) / sigma)
+        v = v - span.correction(gradient)
     return v

@@ -3,6 +3,10 @@
 `scale` = ‖A A⁺ d‖ is the part of d that contact forces can change.  ‖d‖ itself flatters: it holds
 the whole momentum over h and is 10 to 40,000 times larger in moving scenes.  Where the contacts
 can change nothing (A A⁺ d is rounding of d), the scale is ‖d‖, and 1 if that is 0 as well.
+
+Up to `DENSE_COLUMNS` columns all of it comes from singular value decompositions.  Beyond, A is kept
+sparse and the scale comes from sparse factors (`harness.span`).  The rank still takes singular
+values; beyond `RANK_COLUMNS` columns, where they would take many seconds, it is not determined.
 """
 
 from __future__ import annotations
@@ -10,8 +14,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 
-from problems.qp import ContactQP, Vector
+from harness.span import SparseSpan
+from problems.qp import ContactQP, Matrix, Vector
 
 RANK_TOL = 1e-10
 """A singular value counts towards the rank if it exceeds this fraction of the largest."""
@@ -20,17 +26,26 @@ NOISE = 1e-12
 ASKED_RELATIVE = {"high": 1e-9, "default": 1e-6}
 """Settings that ask for a fraction of `scale`; `paper` asks for each QP's own eps0."""
 SETTINGS = ("paper", *ASKED_RELATIVE)
+DENSE_COLUMNS = 60
+"""QPs of more columns are treated as sparse, here, by the error bound and by the oracle."""
+RANK_COLUMNS = 1000
+"""The rank of QPs of more columns is not determined."""
+UNKNOWN = -1
+"""Rank of a QP whose rank is not determined."""
 
 
 @dataclass(frozen=True, eq=False)
 class Facts:
     """Rank and scale of one QP, and A once more in extended precision for the error bound.
 
-    rank : singular values above `RANK_TOL` of the largest
+    rank : singular values above `RANK_TOL` of the largest, or `UNKNOWN`
     scale : ‖A A⁺ d‖, unit of `glambda_error`
     A, d : in `numpy.longdouble`, which holds float64 exactly
     norms : (k,) lengths of the columns, 1 for a column of zeros
     unit_columns : A with columns of length 1, so that rank is not a matter of units
+    row_terms, column_terms : the most products that an entry of A x, of Aᵀ r is a sum of
+
+    A and unit_columns are dense up to `DENSE_COLUMNS` columns, else in CSC.
     """
 
     qp: ContactQP
@@ -39,7 +54,14 @@ class Facts:
     A: np.ndarray
     d: np.ndarray
     norms: Vector
-    unit_columns: Vector
+    unit_columns: Matrix
+    row_terms: int
+    column_terms: int
+
+    @property
+    def sparse(self) -> bool:
+        """Whether A and unit_columns are in CSC."""
+        return sp.issparse(self.A)
 
     def asked(self, setting: str) -> float:
         """Accuracy in ‖A δx‖ that a setting asks for, or that `default` is judged by.
@@ -54,25 +76,56 @@ class Facts:
 
 
 def facts_of(qp: ContactQP) -> Facts:
-    """Rank and scale of `qp` by singular value decomposition."""
+    """Rank and scale of `qp`."""
+    return _dense_facts(qp) if qp.k <= DENSE_COLUMNS else _sparse_facts(qp)
+
+
+def _dense_facts(qp: ContactQP) -> Facts:
     A = qp.dense_A
     norms = np.linalg.norm(A, axis=0)
     norms[norms == 0] = 1.0
     unit_columns = A / norms
     basis, sigma, _ = np.linalg.svd(unit_columns, full_matrices=False)
-    size = float(np.linalg.norm(qp.d))
-    scale = float(np.linalg.norm(basis[:, : _rank(sigma)].T @ qp.d))
-    if scale <= NOISE * size or scale == 0.0:
-        scale = size or 1.0
     return Facts(
         qp=qp,
         rank=_rank(np.linalg.svd(A, compute_uv=False)),
-        scale=scale,
+        scale=_scale(qp, float(np.linalg.norm(basis[:, : _rank(sigma)].T @ qp.d))),
         A=A.astype(np.longdouble),
         d=qp.d.astype(np.longdouble),
         norms=norms,
         unit_columns=unit_columns,
+        row_terms=qp.k,
+        column_terms=qp.m,
     )
+
+
+def _sparse_facts(qp: ContactQP) -> Facts:
+    A = sp.csc_array(qp.A)
+    norms = sp.linalg.norm(A, axis=0)
+    norms[norms == 0] = 1.0
+    unit_columns = sp.csc_array(A / norms)
+    span = SparseSpan(unit_columns)
+    moved = np.zeros(qp.m)
+    for _ in range(span.passes):
+        moved += span.correction(unit_columns.T @ (qp.d - moved))
+    few = qp.k <= RANK_COLUMNS
+    return Facts(
+        qp=qp,
+        rank=_rank(np.linalg.svd(A.toarray(), compute_uv=False)) if few else UNKNOWN,
+        scale=_scale(qp, float(np.linalg.norm(moved))),
+        A=A.astype(np.longdouble),
+        d=qp.d.astype(np.longdouble),
+        norms=norms,
+        unit_columns=unit_columns,
+        row_terms=int(np.diff(A.tocsr().indptr).max(initial=0)),
+        column_terms=int(np.diff(A.indptr).max(initial=0)),
+    )
+
+
+def _scale(qp: ContactQP, moved: float) -> float:
+    """`moved` = ‖A A⁺ d‖, unless it is rounding of d."""
+    size = float(np.linalg.norm(qp.d))
+    return (size or 1.0) if moved <= NOISE * size or moved == 0.0 else moved
 
 
 def _rank(sigma: np.ndarray) -> int:

@@ -1,6 +1,7 @@
-"""The reference answer: a dense active-set method that spares no effort, and is then checked.
+"""The reference answer: an active-set method that spares no effort, and is then checked.
 
-It shares no code with `solvers/`, so that it is a witness and not an accomplice.
+It shares no code with `solvers/`, so that it is a witness and not an accomplice.  Up to
+`harness.facts.DENSE_COLUMNS` columns it is a dense one that starts from nothing:
 
 1. x = 0 clipped to the bounds; no row is free.
 2. Free the row whose gradient Δ = Aᵀr gains most; stop if none gains more than rounding.
@@ -12,16 +13,29 @@ It shares no code with `solvers/`, so that it is a witness and not an accomplice
 
 Freed columns are linearly independent of the free ones, so that A may lack rank (Lawson and Hanson
 1974, chapter 23; Stark and Parker 1995 for the two-sided bounds).
+
+Beyond, steps 1 to 4 are a primal-dual active-set method (Hintermüller, Ito and Kunisch 2002) with
+sparse factors, which starts from an answer that is to be proved or, without one, from x = 0:
+
+    a. Free are the rows that a gradient step leaves between their bounds; the others are set to
+       the bound where it ends.
+    b. Newton's corrections on the free rows, with Δ in extended precision.  Dependent columns are
+       no trouble: of all corrections about the least is taken (`harness.span`).
+    c. Free rows beyond a bound go to it; rows at a bound with the wrong sign beyond rounding are
+       freed.  Back to b until there are none.
+
+It need not end, nor be right where it does.  Step 5 tells.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from harness.error_bound import error_bound
 from harness.facts import Facts, facts_of
 from harness.recording import Reference
+from harness.span import SparseSpan
 from problems.qp import ContactQP
 
 ACCEPTED = 1e-10
@@ -30,14 +44,22 @@ ROUNDING = 64 * float(np.finfo(np.longdouble).eps)
 """A gradient Δ_i below this times ‖a_i‖ ‖ |A||x| + |d| ‖ is 0."""
 RANK_TOL = 1e-13
 """A singular value below this fraction of the largest is 0."""
+MAX_CHANGES = 50
+"""Sets of free rows that the sparse method tries."""
 
 Flags = NDArray[np.bool_]
 
 
-def reference(qp: ContactQP, facts: Facts | None = None) -> Reference | None:
-    """A x* and a bound on its error, or None where the answer does not pass the check."""
+def reference(
+    qp: ContactQP, facts: Facts | None = None, start: ArrayLike | None = None
+) -> Reference | None:
+    """A x* and a bound on its error, or None where the answer does not pass the check.
+
+    facts : of this QP, if they are at hand
+    start : (k,) an answer that may be right; only a QP of many columns is begun from it
+    """
     facts = facts or facts_of(qp)
-    exact = _active_set(facts)
+    exact = _settle(facts, start) if facts.sparse else _active_set(facts)
     Ax = np.asarray(facts.A @ exact, float)
     rounded = float(np.linalg.norm(facts.A @ exact - Ax))
     bound = error_bound(qp, exact, facts) + rounded
@@ -117,3 +139,44 @@ def _refine(facts: Facts, x: np.ndarray, free: Flags) -> np.ndarray:
         gradient = np.asarray(A.T @ (facts.A @ refined + facts.d), float) / norms
         refined[free] -= (Vt.T @ ((Vt @ gradient) / sigma**2)) / norms
     return np.clip(refined, facts.qp.lower, facts.qp.upper)
+
+
+def _settle(facts: Facts, start: ArrayLike | None) -> np.ndarray:
+    """x (k,) in extended precision where the primal-dual active-set method ended."""
+    qp, A = facts.qp, facts.A
+    lower, upper, size = qp.lower, qp.upper, abs(facts.A)
+    x = np.clip(np.zeros(qp.k) if start is None else np.asarray(start), lower, upper)
+    x = x.astype(np.longdouble)
+    target = x - A.T @ (A @ x + facts.d) / facts.norms**2
+    low, high = target <= lower, target >= upper
+    free = ~(low | high)
+    for _ in range(MAX_CHANGES):
+        x = np.where(low, lower, np.where(high, upper, x))
+        x = _correct(facts, x, free)
+        r = A @ x + facts.d
+        gradient = A.T @ r
+        noise = ROUNDING * (size.T @ (size @ np.abs(x) + np.abs(facts.d)))
+        low = (free & (x < lower)) | (~free & (x <= lower) & (gradient >= -noise))
+        high = (free & (x > upper)) | (~free & (x >= upper) & (gradient <= noise))
+        low |= lower == upper
+        if np.array_equal(free, ~(low | high)):
+            break
+        free = ~(low | high)
+    return np.clip(x, lower, upper)
+
+
+def _correct(facts: Facts, x: np.ndarray, free: Flags) -> np.ndarray:
+    """Newton's corrections on the free rows until Δ no longer shrinks."""
+    if not free.any():
+        return x
+    x, A, norms = x.copy(), facts.A[:, free], facts.norms[free]
+    span = SparseSpan(facts.unit_columns[:, free])
+    before = np.inf
+    for _ in range(span.passes):
+        gradient = np.asarray(A.T @ (facts.A @ x + facts.d), float) / norms
+        largest = float(np.abs(gradient).max())
+        if not largest < 0.5 * before:
+            break
+        before = largest
+        x[free] -= span.coefficients(gradient) / norms
+    return x

@@ -58,10 +58,10 @@ def recording_of(
     How it was run joins the scene's parameters, as "run.solver", "run.until", "run.friction", …
     """
     references = []
-    for i, qp in enumerate(run.qps):
+    for i, (qp, solution) in enumerate(zip(run.qps, run.solutions, strict=True)):
         if progress is not None and i % 20 == 0:
             progress("reference", i, len(run.qps))
-        references.append(reference(qp))
+        references.append(reference(qp, start=solution.x))
     if progress is not None:
         progress("reference", len(run.qps), len(run.qps))
     rule = run.options["friction"]
