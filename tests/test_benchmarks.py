@@ -1,0 +1,134 @@
+"""The benchmarks: a rise of work counts is seen, rounding is not taken for one, ratios are told."""
+
+from __future__ import annotations
+
+import copy
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks import times, work_counts
+
+LABEL = "tower,bodies=5"
+CHOICE = ["--sequences", LABEL, "--solvers", "lotstedt"]
+Baseline = dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def baseline() -> Baseline:
+    return work_counts.baseline_of([LABEL], ["lotstedt"])
+
+
+def exit_code(baseline: Baseline, folder: Path) -> int:
+    path = folder / "baseline.json"
+    path.write_text(json.dumps(baseline))
+    return work_counts.main([*CHOICE, "--baseline", str(path)])
+
+
+def with_rise(baseline: Baseline, count: str, percent: float) -> Baseline:
+    """The baseline that today's code exceeds by so much in one count."""
+    tampered = copy.deepcopy(baseline)
+    counts = tampered[LABEL]["counts"]["lotstedt warm"]
+    counts[count] = round(counts[count] / (1 + percent / 100))
+    return tampered
+
+
+def test_the_same_code_does_the_same_work(baseline: Baseline, tmp_path: Path) -> None:
+    today = work_counts.measure([LABEL], ["lotstedt"])
+    assert {name: baseline[LABEL][name] for name in today[LABEL]} == today[LABEL]
+    assert exit_code(baseline, tmp_path) == 0
+
+
+def test_a_rise_of_six_percent_fails(
+    baseline: Baseline, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code(with_rise(baseline, "flops", 6.0), tmp_path) == 1
+    told = capsys.readouterr().out
+    assert "flops" in told
+    assert "+6.0 %" in told
+    assert "RISEN" in told
+
+
+def test_a_rise_of_four_percent_passes(baseline: Baseline, tmp_path: Path) -> None:
+    assert exit_code(with_rise(baseline, "flops", 4.0), tmp_path) == 0
+
+
+@pytest.mark.parametrize("count", ["descent_directions", "qr_factorizations", "flops"])
+def test_each_count_is_looked_at(baseline: Baseline, count: str) -> None:
+    today = work_counts.measure([LABEL], ["lotstedt"])
+    table = work_counts.compare(with_rise(baseline, count, 50.0), today)
+    risen = table[table["risen"]]
+    assert list(risen["count"]) == [count]
+    assert list(risen["solver"]) == ["lotstedt warm"]
+
+
+def test_what_rounding_explains_is_no_rise(baseline: Baseline) -> None:
+    today = work_counts.measure([LABEL], ["lotstedt"])
+    tampered = with_rise(baseline, "flops", 6.0)
+    was = tampered[LABEL]["counts"]["lotstedt warm"]["flops"]
+    now = today[LABEL]["counts"]["lotstedt warm"]["flops"]
+    for rounding, risen in ((now - was, 0), (now - was - 1, 1)):
+        tampered[LABEL]["rounding"]["lotstedt warm"]["flops"] = rounding
+        assert work_counts.compare(tampered, today)["risen"].sum() == risen
+
+
+def test_a_count_that_was_zero_may_not_appear(baseline: Baseline) -> None:
+    today = work_counts.measure([LABEL], ["lotstedt"])
+    today[LABEL]["counts"]["lotstedt warm"]["cg_iterations"] += 1
+    before = copy.deepcopy(baseline)
+    before[LABEL]["counts"]["lotstedt warm"]["cg_iterations"] = 0
+    assert work_counts.compare(before, today)["risen"].sum() == 1
+
+
+def test_other_questions_are_named(baseline: Baseline) -> None:
+    today = work_counts.measure([LABEL], ["lotstedt"])
+    before = copy.deepcopy(baseline)
+    before[LABEL]["digest"] = "0" * 16
+    assert work_counts.remarks(before, today) == [
+        f"{LABEL}: the QPs differ from the baseline's, if only in the last bits"
+    ]
+    before[LABEL]["qps"] += 1
+    assert "QPs instead of" in work_counts.remarks(before, today)[0]
+    assert work_counts.remarks({}, today) == [f"{LABEL}: not in the baseline"]
+    assert work_counts.remarks(baseline, today) == []
+
+
+def test_nothing_to_compare_with_is_bad_input(tmp_path: Path) -> None:
+    assert work_counts.main([*CHOICE, "--baseline", str(tmp_path / "none.json")]) == 2
+    assert exit_code({}, tmp_path) == 2
+
+
+def test_the_committed_baseline_holds_every_sequence() -> None:
+    kept = json.loads(work_counts.BASELINE.read_text())
+    assert set(kept) == set(work_counts.SEQUENCES)
+    for found in kept.values():
+        assert found["counts"].keys() == found["rounding"].keys()
+        assert {"lotstedt cold", "lotstedt warm"} <= found["counts"].keys()
+
+
+def test_disturbing_moves_the_last_bits_only() -> None:
+    plain, other = work_counts.sequence(LABEL), work_counts.sequence(LABEL, seed=1)
+    assert work_counts.digest(plain) == work_counts.digest(work_counts.sequence(LABEL))
+    assert work_counts.digest(plain) != work_counts.digest(other)
+    for one, two in zip(plain, other, strict=True):
+        assert two.dense_A == pytest.approx(one.dense_A, rel=1e-9, abs=1e-12)
+
+
+def test_ratios_of_times_are_printed_and_no_seconds(capsys: pytest.CaptureFixture[str]) -> None:
+    names = ["lotstedt", f"{times.ROOT}:scipy_bvls"]
+    assert times.main([*names, "--sequences", LABEL, "--rounds", "2"]) == 0
+    told = capsys.readouterr().out
+    assert "over that of lotstedt" in told
+    assert "×" in told
+    assert " to " in told
+    assert "µs" not in told
+
+
+def test_a_folder_without_the_code_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert times.main(["lotstedt", f"{tmp_path}:lotstedt", "--sequences", LABEL]) == 2
+    assert "no checkout" in capsys.readouterr().err
+    assert times.main(["lotstedt"]) == 2
