@@ -441,17 +441,23 @@ def criterion(
 ) -> None:
     """When should the paper's method factorize anew? Rules and intervals, counted and timed.
 
+    Then whether the norms, ranks and accuracy that it relies on are what it takes them for, and
+    what guessing the active set would cost.
+
     Example:  glambda criterion recordings/*.h5 -o criterion
     """
     from harness.criterion import measure_files
+    from harness.examination import examine_files
     from harness.progress import shown
     from reports.criterion_report import print_criterion, write_criterion
 
     with shown("criterion", _console(err=True)) as tell:
         measured = measure_files(files, repeats=repeats, progress=tell)
-    print_criterion(_console(), measured)
+    with shown("examination", _console(err=True)) as tell:
+        examination = examine_files(files, progress=tell)
+    print_criterion(_console(), measured, examination)
     if output is not None:
-        typer.echo(str(write_criterion(measured, output)))
+        typer.echo(str(write_criterion(measured, output, examination)))
 
 
 @app.command()

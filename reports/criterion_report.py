@@ -1,4 +1,8 @@
-"""What `glambda criterion` prints and writes: the tables and figures of the criterion."""
+"""What `glambda criterion` prints and writes: the tables and figures of the criterion.
+
+After them come the tables of what else of the method was examined: its estimates of norms and
+ranks, the accuracy that it reaches, and guessing the active set beside it.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,15 @@ from rich.text import Text
 
 from harness.criterion import Measurement
 from harness.display import table as rich_table
+from harness.examination import Examination
+from reports.criterion_enumeration import enumeration_table
+from reports.criterion_estimates import (
+    accuracy_table,
+    directions_table,
+    kept_table,
+    norms_table,
+    rank_table,
+)
 from reports.criterion_figures import plot_growth, plot_sweep
 from reports.criterion_growth import age_table, growth_table, premise_table
 from reports.criterion_sweep import costs_table, interval_table, regret_table, runs_table
@@ -17,7 +30,7 @@ from reports.table import Table
 
 
 def tables_of(measured: Sequence[Measurement]) -> list[Table]:
-    """All tables but the one of every run."""
+    """All tables of the criterion but the one of every run."""
     return [
         costs_table(measured),
         growth_table(measured),
@@ -29,9 +42,25 @@ def tables_of(measured: Sequence[Measurement]) -> list[Table]:
     ]
 
 
-def print_criterion(console: Console, measured: Sequence[Measurement]) -> None:
+def examination_tables(examination: Examination | None) -> list[Table]:
+    """The tables of an examination, where there is one."""
+    if examination is None:
+        return []
+    return [
+        norms_table(examination),
+        kept_table(examination),
+        rank_table(examination),
+        accuracy_table(examination),
+        directions_table(examination),
+        enumeration_table(examination),
+    ]
+
+
+def print_criterion(
+    console: Console, measured: Sequence[Measurement], examination: Examination | None = None
+) -> None:
     """Print every table with its notes."""
-    for table in tables_of(measured):
+    for table in [*tables_of(measured), *examination_tables(examination)]:
         shown = table.display()
         columns = [f">{name}" if table.numeric(name) else name for name in shown.columns]
         console.print(rich_table(table.title, columns, shown.to_numpy().tolist()))
@@ -40,7 +69,9 @@ def print_criterion(console: Console, measured: Sequence[Measurement]) -> None:
         console.print()
 
 
-def write_criterion(measured: Sequence[Measurement], folder: str | Path) -> Path:
+def write_criterion(
+    measured: Sequence[Measurement], folder: str | Path, examination: Examination | None = None
+) -> Path:
     """Write criterion.md, the figures, one CSV per table and one of every run; return the page."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -52,7 +83,7 @@ def write_criterion(measured: Sequence[Measurement], folder: str | Path) -> Path
         for suffix in (".svg", ".png"):
             plot(measured, folder / f"{name}{suffix}")
         parts.append(f"![{caption}]({name}.png)\n")
-    tables = tables_of(measured)
+    tables = [*tables_of(measured), *examination_tables(examination)]
     parts += [table.to_markdown() for table in tables]
     for table in (*tables, runs_table(measured)):
         (folder / f"{table.name}.csv").write_text(table.to_csv(), encoding="utf-8")
