@@ -197,10 +197,13 @@ def accuracy_table(examination: Examination) -> Table:
     if len(printed):
         said = _promise(
             printed,
-            "The tolerance as printed, ε₀/‖R⁻¹‖, would do as well: ‖A δx‖ ≤ ε₀ holds",
+            "The tolerance as printed, ε₀/‖R⁻¹‖, would have been enough here: ‖A δx‖ ≤ ε₀ holds",
             "The tolerance as printed, ε₀/‖R⁻¹‖, does not do: ‖A δx‖ exceeds ε₀",
         )
-        notes.append(f"{said}  The method works with a {SAFETY:g}th of it.")
+        notes.append(
+            f"{said}  Nothing guarantees it where ‖R⁻¹‖ is underestimated or R is old; the method "
+            f"works with a {SAFETY:g}th of it."
+        )
     if without:
         notes.append(f"{join(without)}: without a reference, or too large.")
     return Table(
