@@ -20,7 +20,12 @@ SOURCES = (
     "factorization.py",
     "conjugate_gradients.py",
     "flops.py",
+    "online_rule.py",
     "loop.py",
+    "sparse_pattern.py",
+    "sparse_workspace.py",
+    "sparse_cholesky.py",
+    "sparse_loop.py",
 )
 FAST_MATH = frozenset({"reassoc", "contract", "nsz"})
 """Sums may be regrouped for vector instructions; NaN and infinity keep their meaning."""

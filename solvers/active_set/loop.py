@@ -33,6 +33,7 @@ from solvers.active_set.flops import (
     qr_flops,
     triangular_flops,
 )
+from solvers.active_set.online_rule import forget, iterations_worth, keep_account
 from solvers.active_set.workspace import (
     AGE,
     CG_ITERATIONS,
@@ -40,6 +41,8 @@ from solvers.active_set.workspace import (
     CHANGES,
     COUNTS,
     DIRECTIONS,
+    DUE,
+    FACTORIZATION_COST,
     FACTORIZATIONS,
     FLOPS,
     FRESH,
@@ -72,6 +75,7 @@ from solvers.active_set.workspace import (
     UPDATES,
     UPPER,
     WRONG,
+    YOUNG,
     F,
     P,
     V,
@@ -85,9 +89,10 @@ SHARE = 0.1
 ROUNDING = 4 * UNIT_ROUNDOFF
 """Rounding in Δ, in units of ‖ |B||z| + |d| ‖."""
 
-WARM, OWN_SET, TODAYS_QR, NO_R, CUSTOM = 1, 2, 4, 8, 16
+WARM, OWN_SET, TODAYS_QR, NO_R, CUSTOM, ONLINE = 1, 2, 4, 8, 16, 32
 """Bits of `mode`: there is a previous solution; F is chosen anew; factorize today's A_F; conjugate
-gradients without R; the options in rows REALS and COUNTS replace the paper's."""
+gradients without R; the options in rows REALS and COUNTS replace the paper's; factorize by the
+online rule and not by the paper's."""
 SOLVED, INACCURATE, OUT_OF_PASSES = 0, 1, 2
 """What row COUNTS holds at STATUS."""
 AT_LOWER, FREE, AT_UPPER, PASSIVE = -1, 0, 1, 2
@@ -377,6 +382,8 @@ def direction_by_cg(S, I, m, mp, f, tolerance, mode):
     for _ in range(2):
         plain = (mode & NO_R) != 0
         limit = cg_limit(m, f)
+        if mode & ONLINE:
+            limit = iterations_worth(S[REALS], qr_flops(m, f), cg_iteration_flops(m, f))
         interval = 0
         if mode & CUSTOM:
             interval = I[COUNTS, INTERVAL]
@@ -390,6 +397,8 @@ def direction_by_cg(S, I, m, mp, f, tolerance, mode):
         spent = made if made >= 0 else -1 - made
         I[COUNTS, CG_ITERATIONS] += spent
         I[COUNTS, FLOPS] += spent * cg_iteration_flops(m, f, not plain) + product_flops(m, f)
+        if I[COUNTS, AGE] == 0:
+            S[REALS, YOUNG] = spent
         if made >= 0:
             return f, True
         if I[COUNTS, AGE] == 0:
@@ -519,11 +528,16 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
             eps0 = max(eps0, 1e-9 * abs(S[GRADIENT, j]))
     f = start(S, I, k, warm, (mode & OWN_SET) != 0)  # 1.
     I[COUNTS, AGE] += 1
+    age = 0  # of the R that this QP begins with, 0 where that is today's
     carried = -1
     I[COUNTS, ORDER] = k
+    if not fresh and I[COUNTS, OLD_ORDER] < 0:
+        forget(I[COUNTS], S[REALS])
     if warm and not fresh and not (mode & OWN_SET) and I[COUNTS, OLD_ORDER] >= 0:
         interval = I[COUNTS, INTERVAL] if mode & CUSTOM else 0
-        if interval == 0 or I[COUNTS, AGE] < interval:
+        due = I[COUNTS, DUE] != 0 if interval == 0 else I[COUNTS, AGE] >= interval
+        if not due:
+            age = I[COUNTS, AGE]
             carried = carry_R(S, I, m, mp, f)
             if carried < 0:
                 f = start(S, I, k, warm, False)
@@ -620,5 +634,12 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
         if fresh:
             keep_R(S, I, f)
         I[COUNTS, OLD_ORDER] = f
+        I[COUNTS, DUE] = 0
+        if mode & ONLINE:
+            S[REALS, FACTORIZATION_COST] = qr_flops(m, f)
+            cost = cg_iteration_flops(m, f) * I[COUNTS, CG_ITERATIONS]
+            factorized = I[COUNTS, FACTORIZATIONS] > 0
+            given_up = age if factorized else 0
+            keep_account(I[COUNTS], S[REALS], factorized, given_up, cost, I[COUNTS, DIRECTIONS])
     I[COUNTS, STATUS] = status
     finish(row_id, lower, upper, S, I, k, f)

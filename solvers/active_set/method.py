@@ -50,21 +50,28 @@ This differs from the paper:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 
 from problems.qp import ContactQP, Status, WorkCounts
+from solvers.active_set import sparse_workspace as sparse
+from solvers.active_set import workspace as dense
 from solvers.active_set.loop import (
     CUSTOM,
     INACCURATE,
     NO_R,
+    ONLINE,
     OWN_SET,
     SOLVED,
     TODAYS_QR,
     WARM,
     algorithm_2,
 )
+from solvers.active_set.sparse_loop import sparse_algorithm_2
+from solvers.active_set.sparse_pattern import make_pattern
+from solvers.active_set.sparse_workspace import SparseWorkspace, make_sparse_workspace
 from solvers.active_set.workspace import (
     AGE,
     CG_LIMIT,
@@ -72,27 +79,25 @@ from solvers.active_set.workspace import (
     DIRECTIONS,
     FLOPS,
     INTERVAL,
-    MEMBER,
     OLD_K,
-    OLD_MEMBER,
     OLD_ORDER,
-    OLD_ROW,
     PASSES,
-    REALS,
     STATUS,
     WRONG,
     Workspace,
-    X,
     make_workspace,
 )
 from solvers.base import Answer, Form, Solver, Start
 
 CROSSOVER = 32
 """Columns up to which a fresh factorization is faster than an old R; measured, see `loop`."""
+SPARSE_FROM = 40
+"""Columns beyond which a sparse A is worked with as it is."""
 EXACT_KINDS = ("impulse", "minimum_norm")
 VARIANTS = {
     "": "the previous working set; today's QR if small, conjugate gradients with the old R if not",
     "old_r": "the paper's method at every size: conjugate gradients with the old R",
+    "online": "the same, but R is given up by the online rule and not by the paper's",
     "exact_qr": "a fresh QR factorization of the previous working set at every QP",
     "no_working_set": "the previous x, but F chosen anew at every QP",
     "plain_cg": "conjugate gradients without R, which only tells ranks and tolerances",
@@ -100,15 +105,52 @@ VARIANTS = {
 STATUSES = {SOLVED: Status.SOLVED, INACCURATE: Status.INACCURATE}
 
 
-def remembering(start: Start) -> Workspace:
-    """A workspace as if the solution of `start`, which is not this method's own, had been."""
+class Native(NamedTuple):
+    """A kernel, its arguments, and the workspace among them."""
+
+    kernel: Any
+    arguments: tuple[Any, ...]
+    room: Workspace | SparseWorkspace
+
+
+def rows_of(room: Workspace | SparseWorkspace) -> Any:
+    """The module that names the rows of this workspace."""
+    return dense if isinstance(room, Workspace) else sparse
+
+
+def remember(room: Workspace | SparseWorkspace, start: Start) -> None:
+    """Make `room` as if the solution of `start`, which is not from such a room, had been there."""
     k = start.x.size
-    room = make_workspace(0, k)
+    rows = rows_of(room)
     room.I[COUNTS, [OLD_K, OLD_ORDER, AGE]] = k, -1, 0
-    room.I[OLD_ROW, :k] = start.previous
-    room.I[OLD_MEMBER, :k] = start.working_set
-    room.S[X, :k] = start.x
-    return room
+    room.I[rows.OLD_ROW, :k] = start.previous
+    room.I[rows.OLD_MEMBER, :k] = start.working_set
+    room.S[rows.X, :k] = start.x
+
+
+def dense_room(m: int, k: int, start: Start | None) -> Workspace:
+    """A workspace that holds what `start` remembers, if there is one."""
+    if start is None:
+        return make_workspace(m, k)
+    room = start.memory
+    if not isinstance(room, Workspace):
+        room = make_workspace(0, start.x.size)
+        remember(room, start)
+    return room if room.n >= m and room.n >= k else make_workspace(m, k, room)
+
+
+def sparse_room(A: sp.csc_array, start: Start | None) -> tuple[SparseWorkspace, bool]:
+    """A workspace of the pattern of A with what `start` remembers; whether it holds its L too."""
+    before = None if start is None else start.memory
+    if not isinstance(before, SparseWorkspace):
+        before = None
+    elif before.pattern.fits(A):
+        return before, True
+    old_k = 0 if start is None else start.x.size
+    room = make_sparse_workspace(max(A.shape[0], old_k), make_pattern(A), before)
+    if start is not None and before is None:
+        remember(room, start)
+    return room, False
 
 
 @dataclass(frozen=True)
@@ -147,8 +189,10 @@ class Lotstedt(Solver):
                 raise ValueError(f"{option} = {value!r}; give a number ≥ 0, or None")
         mode, crossover = 0, CROSSOVER
         custom = self.interval > 0 or self.cg_limit is not None
-        if custom or self.variant in ("old_r", "plain_cg"):
+        if custom or self.variant in ("old_r", "online", "plain_cg"):
             crossover = -1
+        if self.variant in ("", "online"):
+            mode |= ONLINE
         if custom or self.iteration_limit is not None:
             mode |= CUSTOM
         mode |= {"no_working_set": OWN_SET, "plain_cg": NO_R}.get(self.variant, 0)
@@ -161,53 +205,62 @@ class Lotstedt(Solver):
         """Nothing: A and d are the method's own form."""
         return qp
 
-    def setup(
-        self, problem: ContactQP, asked: float | None, start: Start | None
-    ) -> tuple[Any, ...]:
-        """Find room; everything else is part of `run`.  Returns the arguments of `algorithm_2`."""
-        A, mode = problem.dense_A, self._mode  # type: ignore[attr-defined]
+    def setup(self, problem: ContactQP, asked: float | None, start: Start | None) -> Native:
+        """Find room; everything else is part of `run`."""
+        A, mode = problem.A, self._mode  # type: ignore[attr-defined]
         m, k = A.shape
-        if start is None:
-            room = make_workspace(m, k)
-        else:
+        if start is not None:
             mode |= WARM
-            room = start.memory
-            if not isinstance(room, Workspace):
-                room = remembering(start)
-            if room.n < m or room.n < k:
-                room = make_workspace(m, k, room)
-        if k <= self._crossover or problem.kind in EXACT_KINDS:  # type: ignore[attr-defined]
-            mode |= TODAYS_QR
-        if mode & CUSTOM:
-            limit = self.iteration_limit
-            room.I[COUNTS, PASSES] = -1 if limit is None else limit
-            room.I[COUNTS, INTERVAL] = self.interval
-            room.S[REALS, CG_LIMIT] = -1.0 if self.cg_limit is None else self.cg_limit
         eps0 = -1.0 if asked is None else asked
         d, lower, upper, row_id = problem.d, problem.lower, problem.upper, problem.row_id
-        return A, d, lower, upper, row_id, room.S, room.I, eps0, mode
+        room: Workspace | SparseWorkspace
+        if k > SPARSE_FROM and not isinstance(A, np.ndarray):
+            room, kept = sparse_room(A, start)
+            S, I = room.S, room.I
+            factors = room.pattern, room.Bx, room.Lx
+            native = Native(
+                sparse_algorithm_2,
+                (A.data, d, lower, upper, row_id, *factors, S, I, kept, eps0, mode),
+                room,
+            )
+        else:
+            room = dense_room(m, k, start)
+            S, I = room.S, room.I
+            if k <= self._crossover or problem.kind in EXACT_KINDS:  # type: ignore[attr-defined]
+                mode |= TODAYS_QR
+            native = Native(
+                algorithm_2, (problem.dense_A, d, lower, upper, row_id, S, I, eps0, mode), room
+            )
+        if mode & CUSTOM:
+            limit = self.iteration_limit
+            I[COUNTS, PASSES] = -1 if limit is None else limit
+            I[COUNTS, INTERVAL] = self.interval
+            S[rows_of(room).REALS, CG_LIMIT] = -1.0 if self.cg_limit is None else self.cg_limit
+        return native
 
-    def run(self, native: tuple[Any, ...]) -> None:
+    def run(self, native: Native) -> None:
         """Algorithm 2."""
-        algorithm_2(*native)
+        native.kernel(*native.arguments)
 
-    def read(self, qp: ContactQP, native: tuple[Any, ...], result: Any) -> Answer:
+    def read(self, qp: ContactQP, native: Native, result: Any) -> Answer:
         """x, the working set and the counts out of the workspace."""
-        S, I = native[5:7]
+        room = native.room
+        S, I = room.S, room.I
+        rows = rows_of(room)
         counts = I[COUNTS].tolist()
         work = WorkCounts(*counts[DIRECTIONS : FLOPS + 1])
         status = STATUSES.get(counts[STATUS], Status.ITERATION_LIMIT)
         complaint = ""
         if status is Status.INACCURATE:
-            complaint = f"largest wrong gradient {S[REALS, WRONG]:.1e}"
+            complaint = f"largest wrong gradient {S[rows.REALS, WRONG]:.1e}"
         elif status is Status.ITERATION_LIMIT:
             complaint = f"{work.descent_directions} descent directions were not enough"
         return Answer(
-            x=S[X, : qp.k].copy(),
+            x=S[rows.X, : qp.k].copy(),
             status=status,
             iterations=work.descent_directions,
             status_text=complaint,
-            working_set=I[MEMBER, : qp.k].astype(np.int8),
+            working_set=I[rows.MEMBER, : qp.k].astype(np.int8),
             work=work,
-            memory=Workspace(S, I, S.shape[1]),
+            memory=room,
         )

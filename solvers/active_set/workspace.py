@@ -32,13 +32,16 @@ COUNTS, F, MEMBER, OLD_ROW, OLD_MEMBER, OLD_F, PREVIOUS, TODAY, MARK = range(9)
 N_INT_ROWS = 9
 
 # entries of row REALS
-INVERSE_NORM, GROWN_NORM, WRONG, CG_LIMIT = range(4)
+INVERSE_NORM, GROWN_NORM, WRONG, CG_LIMIT, SHIFT = range(5)
+STEPS, SPENT, FACTORIZATION_COST, PATIENCE, YOUNG = range(5, 10)  # of the online rule
 # entries of row COUNTS: what is remembered …
 OLD_K, OLD_ORDER, AGE, ORDER, STATUS = range(5)
 # … and what is counted, in the order of `WorkCounts`
 DIRECTIONS, CHANGES, FACTORIZATIONS, UPDATES, CG_ITERATIONS, FLOPS = range(5, 11)
 # … and options that replace the paper's; negative passes: the default
 INTERVAL, PASSES = 11, 12
+# … and what the online rule remembers
+DUE, CAP, CYCLES = 13, 14, 15
 LANES = 16
 """Loops along m run over multiples of this; n is one, too."""
 

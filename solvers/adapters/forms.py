@@ -32,6 +32,9 @@ from numpy.typing import NDArray
 from problems.qp import ContactQP, Solution, Status, Vector, positions_of, working_set_of
 from solvers.base import Answer, Solver, Start
 
+MANY = 60
+"""Unknowns beyond which the duality gap of a QP is measured against its objective as well."""
+
 
 @dataclass(frozen=True, eq=False)
 class Posed:
@@ -132,6 +135,17 @@ class Posed:
         how near to it a package can go, and a degenerate row then costs √floor.
         """
         return max(0.5 * (asked / self.force) ** 2, floor)
+
+    @property
+    def gap_share(self) -> float:
+        """Part of the objective that the duality gap may be, where there are `MANY` unknowns.
+
+        Forces add up from body to body, so that the objective of a large QP is 100 or 1000 in
+        scaled units.  The gap is a difference of such numbers, and its rounding exceeds any floor
+        that serves small QPs: without this PIQP and ProxQP go on for 10 times as long as it takes,
+        to the same answer.
+        """
+        return 1e-15 * self.n if self.n > MANY else 0.0
 
     def restore(self, x: Vector) -> Vector:
         """x of the QP from the scaled unknowns.  (k,)"""

@@ -5,8 +5,9 @@ sparse, to the sparse one.  P may be singular; PIQP's proximal terms vanish as i
 
 Accuracy: `eps_duality_gap_abs` is the gap that `asked` allows and `eps_abs` the residual, neither
 below 1e-14 (with 1e-15 a fifth of the scenes' QPs run into the iteration cap); the relative ones
-are 0.  A degenerate row (x and Δ both 0) is met only as √gap, so 1e-7.  In a sequence the data are
-updated in place; PIQP has no warm start.
+are 0, but for the gap of large QPs (`Posed.gap_share`).  A degenerate row (x and Δ both 0) is met
+only as √gap, so 1e-7.  In a sequence the data are updated in place, which spares the symbolic
+factorization; no x is carried over.
 """
 
 from __future__ import annotations
@@ -25,12 +26,13 @@ from solvers.base import Start
 
 @dataclass(frozen=True)
 class PIQP(PackageSolver):
-    """PIQP: proximal interior point, data updated in place, no warm start."""
+    """PIQP: proximal interior point, data updated in place."""
 
     max_iterations: int = 250
 
     name: ClassVar[str] = "piqp"
     package: ClassVar[str] = "piqp"
+    warm_start: ClassVar[str] = "workspace"
     statuses: ClassVar[dict[Any, Status]] = {
         "PIQP_SOLVED": Status.SOLVED,
         "PIQP_MAX_ITER_REACHED": Status.ITERATION_LIMIT,
@@ -58,7 +60,7 @@ class PIQP(PackageSolver):
         if asked is not None:
             settings.eps_duality_gap_abs = posed.gap_tolerance(asked, 1e-14)
             settings.eps_abs = posed.residual_tolerance(asked, 1e-14)
-            settings.eps_rel = settings.eps_duality_gap_rel = 0.0
+            settings.eps_rel, settings.eps_duality_gap_rel = 0.0, posed.gap_share
         fill(**arrays)
         return Native(posed, solver, arrays)
 

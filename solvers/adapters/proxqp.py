@@ -5,8 +5,10 @@ is sparse, to the sparse one.  P may be singular.  (The dense backend's box cons
 more natural, but a warm start with their multipliers is refused: it checks them against n_in = 0.)
 
 Accuracy: `eps_abs` is the residual and `eps_duality_gap_abs` the gap that `asked` allows, not below
-1e-13 (two of the scenes' QPs never reach 1e-14); the relative ones are 0.  Without the gap ProxQP
-may stop with a wrong complementarity (4e-6 off at 1e-9 asked).  In a sequence the workspace is
+1e-13 (two of the scenes' QPs never reach 1e-14); the relative ones are 0, but for the gap of large
+QPs (`Posed.gap_share`).  Without the gap ProxQP may stop with a wrong complementarity (4e-6 off at
+1e-9 asked).  No QP here is infeasible or unbounded, but towers of 500 boxes were called so; what
+ProxQP takes for a proof of it is made very small.  In a sequence the workspace is
 updated in place and x and z start from the previous ones.  Its last bits depend on where its memory
 blocks lie: two solves of the same QP may differ by rounding.
 """
@@ -25,6 +27,7 @@ from solvers.adapters.forms import Built, Native, Outcome, PackageSolver, Posed,
 from solvers.base import Start
 
 _INFINITY = 1e20  # what proxsuite takes for an absent bound
+_NEVER = 1e-14  # bound for certificates of infeasibility: they do not exist here
 
 
 @dataclass(frozen=True)
@@ -64,7 +67,8 @@ class ProxQP(PackageSolver):
         settings.max_iter = self.max_iterations
         if asked is not None:
             settings.eps_abs, settings.eps_rel = posed.residual_tolerance(asked, 1e-13), 0.0
-            settings.check_duality_gap, settings.eps_duality_gap_rel = True, 0.0
+            settings.eps_primal_inf = settings.eps_dual_inf = _NEVER
+            settings.check_duality_gap, settings.eps_duality_gap_rel = True, posed.gap_share
             settings.eps_duality_gap_abs = posed.gap_tolerance(asked, 1e-13)
         fill(*arrays)
         if duals is not None:

@@ -1,0 +1,540 @@
+"""Algorithm 2 where A is large and sparse: thousands of contacts, each between two bodies.
+
+The steps are those of `method`, with three inner parts exchanged:
+
+1. L = Rᵀ by sparse Cholesky (`sparse_cholesky`), today's or that of an earlier QP, preconditions
+   conjugate gradients for the descent direction (3.19).  L is not updated: the columns that leave
+   F are masked and those that enter stand for themselves, which costs conjugate gradients about
+   one iteration for each.  When it pays to factorize anew is decided by a rule (`keep_account`).
+2. Many variables change sides at once.  Step 4 first tries the whole step, cut off at the bounds
+   variable by variable, and takes it where the objective falls at least as far as by the step to
+   the first bound; step 8 frees every variable whose sign is wrong by a tenth of the worst.  Where
+   A x did not move after that, one variable at a time enters, as in the paper.
+3. F may hold columns that depend on each other, so that no set P is needed.  Conjugate gradients
+   converge on singular systems that have a solution, and preconditioned by B_Fᵀ B_F + shift · 1,
+   which commutes with B_Fᵀ B_F, they find the p of least norm: contacts that share a load share
+   what changes of it, and stay off their bounds.  Picking independent columns instead would throw
+   load onto a few of them, and one bound after the other would be hit.  A large shift makes an old
+   L last: with a small one, what has turned out of the null space since weighs (angle)²/shift.  A
+   small shift makes ill-conditioned systems converge.  So it starts large, and is lowered where
+   today's L needs many iterations; where no column is dependent there is none.
+"""
+
+from __future__ import annotations
+
+from math import ceil, inf, sqrt
+
+from solvers.active_set.compiled import kernel
+from solvers.active_set.loop import (
+    AT_LOWER,
+    AT_UPPER,
+    BOUNCED,
+    CUSTOM,
+    ENTERED,
+    FREE,
+    INACCURATE,
+    NO_R,
+    ONLINE,
+    OUT_OF_PASSES,
+    OWN_SET,
+    PASSIVE,
+    ROUNDING,
+    SHARE,
+    SOLVED,
+    TODAYS_QR,
+    WARM,
+)
+from solvers.active_set.online_rule import PRICE, forget, iterations_worth, keep_account
+from solvers.active_set.sparse_cholesky import cholesky, inverse_norm, solve_L, solve_LT
+from solvers.active_set.sparse_workspace import (
+    COUNTS,
+    FRESH,
+    GRADIENT,
+    IN_F,
+    IN_L,
+    LENGTH,
+    LOWER,
+    MARK,
+    MEMBER,
+    MOMENTUM,
+    OLD_MEMBER,
+    OLD_ROW,
+    PREVIOUS,
+    REALS,
+    REMAINDER,
+    RESIDUAL,
+    SEARCH,
+    UPPER,
+    WORK,
+    P,
+    V,
+    X,
+    Y,
+    Z,
+)
+from solvers.active_set.workspace import (
+    AGE,
+    CG_ITERATIONS,
+    CG_LIMIT,
+    CHANGES,
+    DIRECTIONS,
+    DUE,
+    FACTORIZATION_COST,
+    FACTORIZATIONS,
+    FLOPS,
+    INTERVAL,
+    INVERSE_NORM,
+    OLD_K,
+    PASSES,
+    SHIFT,
+    STATUS,
+    WRONG,
+    YOUNG,
+)
+
+FIRST_SHIFT, LEAST_SHIFT = 1e-4, 1e-10
+"""Bounds on the shift; columns are of length 1."""
+MANY = 20.0
+"""Iterations on today's L beyond which the next shift is lower, by `LOWERED`, fewer where a new L
+costs less than they do; twice as many, and it is lowered at once."""
+LOWERED = 1e-2
+MOST_ITERATIONS = 200
+"""Conjugate gradient iterations of one direction with today's L."""
+TENTH = 0.1
+
+
+@kernel
+def lay_out(pattern, data, d, lower, upper, Bx, S, m):
+    """Columns of A in elimination order at length 1, bounds on z_c = ‖a_j‖ x_j."""
+    Bp, order, indptr = pattern.Bp, pattern.order, pattern.indptr
+    length, low, high, momentum = S[LENGTH], S[LOWER], S[UPPER], S[MOMENTUM]
+    for c in range(order.size):
+        j = order[c]
+        source, size = indptr[j] - Bp[c], 0.0
+        for b in range(Bp[c], Bp[c + 1]):
+            size += data[source + b] ** 2
+        unit = sqrt(size) if size > 0.0 else 1.0
+        inverse = 1.0 / unit
+        for b in range(Bp[c], Bp[c + 1]):
+            Bx[b] = inverse * data[source + b]
+        length[c] = unit
+        low[c] = unit * lower[j]
+        high[c] = unit * upper[j]
+    for i in range(m):
+        momentum[i] = d[i]
+
+
+@kernel
+def map_rows(row_id, I, k):
+    """Row PREVIOUS: where each row was in the previous QP, −1 where it is new."""
+    old_k, place = I[COUNTS, OLD_K], 0
+    old_row, previous = I[OLD_ROW], I[PREVIOUS]
+    for j in range(k):
+        previous[j] = -1
+        for _ in range(old_k):
+            if place >= old_k:
+                place = 0
+            if old_row[place] == row_id[j]:
+                previous[j] = place
+                place += 1
+                break
+            place += 1
+
+
+@kernel
+def start(order, S, I, warm, own_set):
+    """Step 1: z from the previous x, F the previous F and new rows; returns the size of F."""
+    x, length, low, high, z = S[X], S[LENGTH], S[LOWER], S[UPPER], S[Z]
+    inside, mark, previous, members = I[IN_F], I[MARK], I[PREVIOUS], I[OLD_MEMBER]
+    f = 0
+    for c in range(order.size):
+        old = previous[order[c]] if warm else -1
+        member = members[old] if old >= 0 else FREE
+        value = length[c] * x[old] if old >= 0 else 0.0
+        if (member == AT_LOWER and low[c] > -inf) or value < low[c]:
+            value = low[c]
+        elif (member == AT_UPPER and high[c] < inf) or value > high[c]:
+            value = high[c]
+        z[c] = value
+        mark[c] = 0
+        inside[c] = 1 if low[c] < high[c] and (member == FREE or own_set) else 0
+        f += inside[c]
+    return f
+
+
+@kernel
+def take_residual(pattern, Bx, S, m):
+    """r = B z + d into row RESIDUAL; returns ‖change of r‖ and the rounding in Δ."""
+    Bp, Bi = pattern.Bp, pattern.Bi
+    fresh, r, d, sizes, z = S[FRESH], S[RESIDUAL], S[MOMENTUM], S[WORK], S[Z]
+    for i in range(m):
+        fresh[i] = d[i]
+        sizes[i] = abs(d[i])
+    for c in range(Bp.size - 1):
+        value = z[c]
+        if value != 0.0:
+            for b in range(Bp[c], Bp[c + 1]):
+                term = value * Bx[b]
+                fresh[Bi[b]] += term
+                sizes[Bi[b]] += abs(term)
+    moved = total = 0.0
+    for i in range(m):
+        moved += (fresh[i] - r[i]) ** 2
+        total += sizes[i] * sizes[i]
+        r[i] = fresh[i]
+    return sqrt(moved), ROUNDING * sqrt(total)
+
+
+@kernel
+def take_gradient(pattern, Bx, S, row):
+    """Bᵀ row into row GRADIENT."""
+    Bp, Bi, x, gradient = pattern.Bp, pattern.Bi, S[row], S[GRADIENT]
+    for c in range(Bp.size - 1):
+        along = 0.0
+        for b in range(Bp[c], Bp[c + 1]):
+            along += Bx[b] * x[Bi[b]]
+        gradient[c] = along
+
+
+@kernel
+def factorize(pattern, Bx, Lx, S, I):
+    """Today's L of the columns in F, with the shift that they need."""
+    inside, kept = I[IN_F], I[IN_L]
+    for c in range(pattern.order.size):
+        kept[c] = inside[c]
+    flops = cholesky(pattern, Bx, S, I, Lx, S[REALS, SHIFT])
+    if flops < 0:
+        S[REALS, SHIFT] = FIRST_SHIFT
+        I[COUNTS, FLOPS] += -1 - flops
+        flops = cholesky(pattern, Bx, S, I, Lx, FIRST_SHIFT)
+    S[REALS, FACTORIZATION_COST] = max(flops, 1.0)
+    S[REALS, INVERSE_NORM] = inverse_norm(pattern, S, Lx)
+    I[COUNTS, AGE] = 0
+    I[COUNTS, FACTORIZATIONS] += 1
+    I[COUNTS, FLOPS] += flops + 8 * pattern.Li.size
+
+
+@kernel
+def iteration_flops(pattern, f, m, plain):
+    """C_IT: products with B_F and B_Fᵀ, solves with L and Lᵀ, and the vectors."""
+    k = pattern.order.size
+    products = 4 * pattern.Bi.size * f // max(k, 1)
+    return products + (0 if plain else 4 * pattern.Li.size) + 4 * m + 10 * f
+
+
+@kernel
+def conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, limit, plain):
+    """Minimise ‖B_F p + r‖ over p, preconditioned by L Lᵀ, until ‖B_Fᵀ(B_F p + r)‖ ≤ tolerance.
+
+    p is left in row P, 0 outside F, and B_F p + r in row REMAINDER.  Returns the iterations made,
+    as a negative number, −1 − iterations, when `limit` of them were not enough.
+
+    With M⁻¹ = E (L Lᵀ)⁻¹ Eᵀ, E the rows of F, which is positive definite whatever columns L has:
+    v = B_Fᵀ s, y = M⁻¹ v, q := −y + (vᵀy/vᵀy before) q, α = vᵀy/‖B_F q‖² (Björck and Elfving 1979).
+    """
+    Bp, Bi = pattern.Bp, pattern.Bi
+    k = pattern.order.size
+    s, w, p, v = S[REMAINDER], S[FRESH], S[P], S[V]
+    y, q, r, inside = S[Y], S[SEARCH], S[RESIDUAL], I[IN_F]
+    for i in range(m):
+        s[i] = r[i]
+    for c in range(k):
+        p[c] = 0.0
+        q[c] = 0.0
+    gamma = 1.0
+    iterations = 0
+    while True:
+        slope = 0.0
+        for c in range(k):
+            along = 0.0
+            if inside[c]:
+                for b in range(Bp[c], Bp[c + 1]):
+                    along += Bx[b] * s[Bi[b]]
+            v[c] = along
+            y[c] = along
+            slope += along * along
+        if sqrt(slope) <= tolerance:
+            return iterations
+        if iterations >= limit:
+            return -1 - iterations
+        if not plain:
+            solve_L(pattern, Lx, y)
+            solve_LT(pattern, Lx, y)
+        before, gamma = gamma, 0.0
+        for c in range(k):
+            gamma += v[c] * y[c]
+        ratio = gamma / before
+        for i in range(m):
+            w[i] = 0.0
+        for c in range(k):
+            if inside[c]:
+                value = q[c] * ratio - y[c]
+                q[c] = value
+                for b in range(Bp[c], Bp[c + 1]):
+                    w[Bi[b]] += value * Bx[b]
+        curvature = 0.0
+        for i in range(m):
+            curvature += w[i] * w[i]
+        if curvature == 0.0:
+            return -1 - iterations
+        alpha = gamma / curvature
+        for c in range(k):
+            p[c] += alpha * q[c]
+        for i in range(m):
+            s[i] += alpha * w[i]
+        iterations += 1
+
+
+@kernel
+def direction(pattern, Bx, Lx, S, I, m, f, tolerance, mode):
+    """Step 3; returns the age of the L that was given up on the way, or 0.
+
+    An old L that needs more iterations than the rule allows is replaced by today's at once: by the
+    paper's, (2 C_QR/C_IT)^½, by the online rule as many as cost what a factorization does.
+    """
+    given_up = 0
+    while True:
+        plain = (mode & NO_R) != 0
+        C_IT = iteration_flops(pattern, f, m, plain)
+        C_QR = S[REALS, FACTORIZATION_COST]
+        limit = ceil(sqrt(2.0 * C_QR / C_IT))
+        if mode & ONLINE:
+            limit = iterations_worth(S[REALS], C_QR, C_IT)
+        interval = 0
+        if mode & CUSTOM:
+            interval = I[COUNTS, INTERVAL]
+            if S[REALS, CG_LIMIT] >= 0:
+                limit = S[REALS, CG_LIMIT]
+        age, many = I[COUNTS, AGE], min(MANY, 2.0 + 2.0 * PRICE * C_QR / C_IT)
+        if plain:
+            limit = 10.0 * f + 100
+        elif age == 0 or interval > 0:
+            limit = MOST_ITERATIONS if S[REALS, SHIFT] <= LEAST_SHIFT else 2 * many
+        made = conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, limit, plain)
+        spent = made if made >= 0 else -1 - made
+        I[COUNTS, CG_ITERATIONS] += spent
+        I[COUNTS, FLOPS] += spent * C_IT
+        if age == 0:
+            S[REALS, YOUNG] = spent
+        lower = age == 0 and spent > many and S[REALS, SHIFT] > LEAST_SHIFT
+        if lower and I[COUNTS, DUE] == 0:
+            S[REALS, SHIFT] *= LOWERED
+            I[COUNTS, DUE] = 1
+        if made >= 0 or plain or (age == 0 and not lower):
+            return given_up
+        if age > 0:
+            given_up = age
+        I[COUNTS, DUE] = 0
+        factorize(pattern, Bx, Lx, S, I)
+
+
+@kernel
+def cut_off(pattern, Bx, S, I, m, theta):
+    """Whether z + p, cut off at the bounds, lowers ½‖r‖² at least as far as the step θ p does."""
+    Bp, Bi, inside = pattern.Bp, pattern.Bi, I[IN_F]
+    z, p, low, high = S[Z], S[P], S[LOWER], S[UPPER]
+    r, s, trial = S[RESIDUAL], S[REMAINDER], S[FRESH]
+    for i in range(m):
+        trial[i] = r[i]
+    for c in range(Bp.size - 1):
+        if inside[c]:
+            value = min(max(z[c] + p[c], low[c]), high[c]) - z[c]
+            for b in range(Bp[c], Bp[c + 1]):
+                trial[Bi[b]] += value * Bx[b]
+    now = whole = short = 0.0
+    for i in range(m):
+        now += r[i] * r[i]
+        whole += trial[i] * trial[i]
+        short += (r[i] + theta * (s[i] - r[i])) ** 2
+    return whole <= short and whole < now
+
+
+@kernel
+def take_step(S, I, k, theta, cut):
+    """Steps 5 and 6: z := z + θ p, or z + p cut off; what reaches a bound leaves F.
+
+    Returns how many do.  Those that entered F since A x last moved are marked as thrown back.
+    """
+    z, p, low, high = S[Z], S[P], S[LOWER], S[UPPER]
+    inside, mark = I[IN_F], I[MARK]
+    reached = 0
+    for c in range(k):
+        if not inside[c]:
+            continue
+        step = p[c]
+        if step > 0 and (z[c] + step >= high[c] if cut else (high[c] - z[c]) / step <= theta):
+            z[c] = high[c]
+        elif step < 0 and (z[c] + step <= low[c] if cut else (low[c] - z[c]) / step <= theta):
+            z[c] = low[c]
+        else:
+            z[c] += step if cut else theta * step
+            continue
+        inside[c] = 0
+        reached += 1
+        if mark[c] & ENTERED:
+            mark[c] |= BOUNCED
+    return reached
+
+
+@kernel
+def ratio_test(S, I, k):
+    """Step 4: θ = min(1, min τ_i) with τ_i the step to the bound ahead of z_i."""
+    z, p, low, high, inside = S[Z], S[P], S[LOWER], S[UPPER], I[IN_F]
+    theta = 1.0
+    for c in range(k):
+        if inside[c]:
+            if p[c] > 0:
+                theta = min(theta, (high[c] - z[c]) / p[c])
+            elif p[c] < 0:
+                theta = min(theta, (low[c] - z[c]) / p[c])
+    return theta
+
+
+@kernel
+def wrong_sign(S, c):
+    """Step 8: by how much Δ_c has the wrong sign for where z_c is; |Δ_c| between the bounds."""
+    wrong = 0.0
+    if S[Z, c] < S[UPPER, c]:
+        wrong = max(wrong, -S[GRADIENT, c])
+    if S[Z, c] > S[LOWER, c]:
+        wrong = max(wrong, S[GRADIENT, c])
+    return wrong
+
+
+@kernel
+def finish(order, row_id, lower, upper, S, I):
+    """x in the units of the QP and the members of X, F and P; both remembered for the next QP."""
+    z, x, length, low, high = S[Z], S[X], S[LENGTH], S[LOWER], S[UPPER]
+    inside, members = I[IN_F], I[MEMBER]
+    for c in range(order.size):
+        j = order[c]
+        value, member = z[c] / length[c], PASSIVE
+        if inside[c]:
+            member = FREE
+        elif z[c] <= low[c]:
+            value, member = lower[j], AT_LOWER
+        elif z[c] >= high[c]:
+            value, member = upper[j], AT_UPPER
+        x[j] = min(max(value, lower[j]), upper[j])
+        members[j] = member
+    for j in range(order.size):
+        I[OLD_MEMBER, j] = members[j]
+        I[OLD_ROW, j] = row_id[j]
+    I[COUNTS, OLD_K] = order.size
+
+
+@kernel
+def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kept, eps0, mode):
+    """Solve one QP with the step numbers of `method`; Bx, Lx, S and I are modified, nothing else.
+
+    data : of A (m, k) by columns;  d (m,);  lower, upper, row_id (k,)
+    pattern, Bx, Lx, S, I : of a `SparseWorkspace`, with the memory of the previous solve
+    kept : whether Lx holds an earlier L of this pattern
+    eps0 : accuracy in ‖A δx‖ (3.13), negative for the default of `method`
+    mode : bits WARM, OWN_SET, TODAYS_QR, NO_R, CUSTOM, ONLINE
+    """
+    m, k, order = d.size, pattern.order.size, pattern.order
+    for i in range(DIRECTIONS, FLOPS + 1):
+        I[COUNTS, i] = 0
+    warm = (mode & WARM) != 0
+    product = 2 * pattern.Bi.size
+    lay_out(pattern, data, d, lower, upper, Bx, S, m)
+    if warm:
+        map_rows(row_id, I, k)
+    if eps0 < 0:
+        take_gradient(pattern, Bx, S, MOMENTUM)
+        eps0 = 0.0
+        for c in range(k):
+            eps0 = max(eps0, 1e-9 * abs(S[GRADIENT, c]))
+    f = start(order, S, I, warm, (mode & OWN_SET) != 0)  # 1.
+    I[COUNTS, AGE] += 1
+    interval = I[COUNTS, INTERVAL] if mode & CUSTOM else 0
+    due = I[COUNTS, DUE] != 0 if interval == 0 else I[COUNTS, AGE] >= interval
+    if not (warm and kept):
+        forget(I[COUNTS], S[REALS])
+    if not warm:
+        S[REALS, SHIFT] = 0.0
+    if not (warm and kept) or mode & (OWN_SET | TODAYS_QR) or due:
+        factorize(pattern, Bx, Lx, S, I)
+    I[COUNTS, DUE] = 0
+    _, rounding = take_residual(pattern, Bx, S, m)  # 2.
+    I[COUNTS, FLOPS] += product
+    passes = 50 + 20 * k
+    if mode & CUSTOM and I[COUNTS, PASSES] >= 0:
+        passes = I[COUNTS, PASSES]
+    inside, mark = I[IN_F], I[MARK]
+    refining = inf  # ‖B_Fᵀ r‖ before a full step on the same F; inf where F has changed
+    status = OUT_OF_PASSES
+    one_by_one, given_up = False, 0
+
+    while True:
+        take_gradient(pattern, Bx, S, RESIDUAL)  # 7., and the right-hand side of 3.
+        I[COUNTS, FLOPS] += product
+        slope = 0.0
+        for c in range(k):
+            if inside[c]:
+                slope += S[GRADIENT, c] ** 2
+        slope = sqrt(slope)
+        aim = max(SHARE * eps0 / S[REALS, INVERSE_NORM], rounding)  # (3.20)
+        if slope > max(aim, rounding * sqrt(f)) and slope < 0.5 * refining:
+            if passes <= 0:
+                break
+            passes -= 1
+            if refining == inf:
+                I[COUNTS, DIRECTIONS] += 1
+            given_up = max(given_up, direction(pattern, Bx, Lx, S, I, m, f, 0.5 * aim, mode))  # 3.
+            theta = ratio_test(S, I, k)  # 4.
+            cut = theta < 1.0 and cut_off(pattern, Bx, S, I, m, theta)
+            reached = take_step(S, I, k, theta, cut)  # 5., 6.
+            moved, rounding = take_residual(pattern, Bx, S, m)
+            I[COUNTS, FLOPS] += product if theta == 1.0 else 2 * product
+            refining = slope if theta == 1.0 else inf
+            if moved > rounding:
+                one_by_one = False
+                for c in range(k):
+                    mark[c] = 0
+            elif reached > 0:
+                one_by_one = True
+            if reached > 0:
+                I[COUNTS, CHANGES] += reached
+                f -= reached
+                refining = inf
+            continue
+        left, worst, entering = slope, 0.0, -1  # 8.
+        for c in range(k):
+            if not inside[c]:
+                wrong = wrong_sign(S, c)
+                left = max(left, wrong)
+                if wrong > worst and not mark[c] & BOUNCED:
+                    worst, entering = wrong, c
+        if worst <= aim:  # 9.
+            S[REALS, WRONG] = left
+            sound = left <= max(SHARE * eps0, 100 * rounding)
+            if sound or I[COUNTS, AGE] == 0:
+                status = SOLVED if sound else INACCURATE
+                break
+            factorize(pattern, Bx, Lx, S, I)
+            refining = inf
+            for c in range(k):
+                mark[c] = 0
+            continue
+        if passes <= 0:
+            break
+        passes -= 1
+        refining = inf
+        for c in range(k):
+            enters = c == entering
+            if not (enters or one_by_one or inside[c] or mark[c] & BOUNCED):
+                enters = wrong_sign(S, c) > max(aim, TENTH * worst)
+            if enters:
+                inside[c] = 1
+                mark[c] |= ENTERED
+                f += 1
+                I[COUNTS, CHANGES] += 1
+
+    I[COUNTS, STATUS] = status
+    if mode & ONLINE and I[COUNTS, DUE] == 0:
+        cost = iteration_flops(pattern, f, m, False) * I[COUNTS, CG_ITERATIONS]
+        factorized = I[COUNTS, FACTORIZATIONS] > 0
+        keep_account(I[COUNTS], S[REALS], factorized, given_up, cost, I[COUNTS, DIRECTIONS])
+    finish(order, row_id, lower, upper, S, I)

@@ -1,0 +1,58 @@
+"""Where the sparse kernels keep their numbers: vectors as rows of two arrays, B and L by pattern.
+
+S (rows, n) and I (rows, n) hold vectors of k or m entries, columns in the order of `Pattern`; what
+is remembered from QP to QP (x, members, row_id) is in the order of the QP.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from problems.qp import Vector
+from solvers.active_set.sparse_pattern import Pattern
+
+# rows of S
+Z, LENGTH, LOWER, UPPER, GRADIENT, P, Y, RESIDUAL = range(8)
+FRESH, SEARCH, V, REMAINDER, X, WORK, MOMENTUM, REALS = range(8, 16)
+N_FLOAT_ROWS = 16
+
+# rows of I; `cholesky` uses the two rows past NEXT as well
+COUNTS, MEMBER, OLD_ROW, OLD_MEMBER, PREVIOUS, IN_F, IN_L, MARK, LINK, NEXT = range(10)
+N_INT_ROWS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class SparseWorkspace:
+    """What one sparse solve hands to the next; updated in place.
+
+    pattern : of the QP that was solved, with Bx (nnz of B,) and Lx (nnz of L,)
+    S : (rows, n) float64, I : (rows, n) int64
+    """
+
+    pattern: Pattern
+    Bx: Vector
+    Lx: Vector
+    S: Vector
+    I: NDArray[np.int64]
+
+
+def make_sparse_workspace(
+    m: int, pattern: Pattern, previous: SparseWorkspace | None = None
+) -> SparseWorkspace:
+    """Room for QPs of this pattern, with what `previous` remembers of x and its members."""
+    n = max(m, pattern.order.size, 16, 0 if previous is None else previous.S.shape[1])
+    made = SparseWorkspace(
+        pattern,
+        np.empty(pattern.Bi.size),
+        np.empty(pattern.Li.size),
+        np.zeros((N_FLOAT_ROWS, n)),
+        np.zeros((N_INT_ROWS, n), dtype=np.int64),
+    )
+    if previous is not None:
+        old = previous.S.shape[1]
+        made.S[:, :old] = previous.S
+        made.I[:, :old] = previous.I
+    return made

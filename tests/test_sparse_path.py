@@ -1,0 +1,200 @@
+"""The sparse path of the method: pattern and factor against dense algebra, answers against QR."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from problems.qp import ContactQP, Vector
+from solvers import make_solver
+from solvers.active_set.method import SPARSE_FROM, Lotstedt
+from solvers.active_set.sparse_cholesky import cholesky, inverse_norm, solve_L, solve_LT
+from solvers.active_set.sparse_pattern import contact_order, make_pattern
+from solvers.active_set.sparse_workspace import IN_L, SparseWorkspace, make_sparse_workspace
+from tests.assertions import assert_kkt, force_scale
+
+
+def contact_matrix(
+    rng: np.random.Generator, bodies: int, contacts: int, reach: int = 3
+) -> sp.csc_array:
+    """Each column has three entries for each of two bodies, or for one and the ground."""
+    columns = []
+    for _ in range(contacts):
+        body = int(rng.integers(bodies))
+        column = np.zeros(3 * bodies)
+        column[3 * body : 3 * body + 3] = rng.standard_normal(3)
+        other = body + int(rng.integers(0, reach))
+        if other != body and other < bodies:
+            column[3 * other : 3 * other + 3] = rng.standard_normal(3)
+        columns.append(column)
+    return sp.csc_array(np.array(columns).T)
+
+
+def contact_qp(rng: np.random.Generator, bodies: int, contacts: int) -> ContactQP:
+    """Two thirds are one-sided, the others have bounds on both sides; doubles make it redundant."""
+    A = contact_matrix(rng, bodies, contacts)
+    double = rng.random(contacts) < 0.2
+    A = sp.csc_array(sp.hstack([A, A[:, double]]))
+    k = A.shape[1]
+    two_sided = rng.random(k) < 1 / 3
+    size = rng.uniform(0.0, 2.0, k)
+    return ContactQP(
+        A,
+        3 * rng.standard_normal(A.shape[0]),
+        np.where(two_sided, -size, 0.0),
+        np.where(two_sided, size, np.inf),
+        row_id=rng.permutation(k),
+    )
+
+
+def sparse_sizes() -> st.SearchStrategy[tuple[int, int, int]]:
+    return st.tuples(
+        st.integers(0, 2**32 - 1), st.integers(3, 60), st.integers(SPARSE_FROM + 1, 150)
+    )
+
+
+def laid_out(A: sp.csc_array, inside: Vector) -> tuple[SparseWorkspace, Vector]:
+    """A workspace with A itself as B and `inside` (k,) bool as F; B_F in its order, dense."""
+    pattern = make_pattern(A)
+    room = make_sparse_workspace(A.shape[0], pattern)
+    dense = A.toarray()[:, pattern.order]
+    for c in range(pattern.order.size):
+        rows = pattern.Bi[pattern.Bp[c] : pattern.Bp[c + 1]]
+        room.Bx[pattern.Bp[c] : pattern.Bp[c + 1]] = dense[rows, c]
+    room.I[IN_L, : inside.size] = inside
+    return room, dense
+
+
+@settings(max_examples=25, deadline=None)
+@given(sparse_sizes())
+def test_the_pattern_is_that_of_elimination(sizes: tuple[int, int, int]) -> None:
+    seed, bodies, contacts = sizes
+    A = contact_matrix(np.random.default_rng(seed), bodies, contacts)
+    pattern = make_pattern(A)
+    assert sorted(pattern.order) == list(range(contacts))
+    B = (A[:, pattern.order] != 0).toarray().astype(float)
+    filled = np.tril(B.T @ B > 0)
+    for c in range(contacts):
+        below = np.flatnonzero(filled[c + 1 :, c]) + c + 1
+        if below.size:
+            filled[np.ix_(below, [below[0]])] |= (below >= below[0])[:, None]
+    for c in range(contacts):
+        rows = pattern.Li[pattern.Lp[c] : pattern.Lp[c + 1]]
+        assert rows.tolist() == np.flatnonzero(filled[:, c]).tolist()
+
+
+@settings(max_examples=25, deadline=None)
+@given(sparse_sizes(), st.sampled_from([0.0, 1e-6, 1.0]))
+def test_L_is_the_cholesky_factor(sizes: tuple[int, int, int], shift: float) -> None:
+    """L Lᵀ = B_FᵀB_F + shift, the unit matrix elsewhere; solves and the estimate follow from it."""
+    seed, bodies, contacts = sizes
+    rng = np.random.default_rng(seed)
+    A = contact_matrix(rng, bodies, contacts)
+    inside = rng.random(contacts) < 0.7
+    room, B = laid_out(A, inside)
+    pattern = room.pattern
+    flops = cholesky(pattern, room.Bx, room.S, room.I, room.Lx, shift)
+    gram = B.T @ B + shift * np.eye(contacts)
+    gram[~inside], gram[:, ~inside] = 0.0, 0.0
+    gram[~inside, ~inside] = 1.0
+    if flops < 0:
+        assert shift < 1.0 and np.linalg.eigvalsh(gram)[0] < 1e-9
+        return
+    L = sp.csc_array((room.Lx, pattern.Li, pattern.Lp), shape=gram.shape).toarray()
+    assert np.abs(L @ L.T - gram).max() <= 1e-13 * np.abs(gram).max() * contacts
+    right = rng.standard_normal(contacts)
+    x = right.copy()
+    solve_L(pattern, room.Lx, x)
+    assert np.abs(L @ x - right).max() <= 1e-10 * max(1.0, np.abs(x).max())
+    x = right.copy()
+    solve_LT(pattern, room.Lx, x)
+    assert np.abs(L.T @ x - right).max() <= 1e-10 * max(1.0, np.abs(x).max())
+    true = 1 / np.linalg.svd(L, compute_uv=False)[-1]
+    assert 0.1 * true <= inverse_norm(pattern, room.S, room.Lx) <= true * (1 + 1e-6)
+
+
+def test_a_chain_has_little_fill() -> None:
+    """A tower: contacts between bodies i and i + 1, two each, in any order."""
+    n = 50
+    columns = np.zeros((3 * n, 2 * n))
+    rng = np.random.default_rng(0)
+    for c in range(2 * n):
+        body = c // 2
+        columns[3 * body : 3 * body + 3, c] = 1 + rng.random(3)
+        if body + 1 < n:
+            columns[3 * body + 3 : 3 * body + 6, c] = 1 + rng.random(3)
+    A = sp.csc_array(columns[:, rng.permutation(2 * n)])
+    pattern = make_pattern(A)
+    gram = abs(A.T) @ abs(A)
+    assert pattern.Li.size <= 1.2 * (gram.nnz + 2 * n) // 2
+    assert sorted(contact_order(3 * n, A.indptr, A.indices)) == list(range(2 * n))
+
+
+@settings(max_examples=40, deadline=None)
+@given(sparse_sizes(), st.sampled_from(["", "old_r", "online", "exact_qr", "no_working_set"]))
+def test_sparse_and_dense_give_the_same_force(sizes: tuple[int, int, int], variant: str) -> None:
+    """Cold, warm from a QP nearby, and warm when contacts have gone and others have come."""
+    seed, bodies, contacts = sizes
+    rng = np.random.default_rng(seed)
+    qp = contact_qp(rng, bodies, contacts)
+    dense = make_solver("lotstedt[exact_qr]", accuracy=1e-10)
+    solver = Lotstedt(accuracy=1e-10 * force_scale(qp), variant=variant)
+    moved = sp.csc_array(qp.A)
+    moved.data = moved.data * (1 + 1e-3 * rng.standard_normal(moved.data.size))
+    kept = np.sort(rng.permutation(qp.k)[: qp.k - 1 - int(rng.integers(3))])
+    fewer = replace(
+        qp,
+        A=moved[:, kept],
+        lower=qp.lower[kept],
+        upper=qp.upper[kept],
+        row_id=qp.row_id[kept],
+        feature=None,
+    )
+    last = None
+    for now in (qp, replace(qp, A=moved), fewer, qp):
+        last = solver.solve(now, last)
+        assert last.found, last.status_text
+        right = dense.solve(replace(now, A=now.dense_A)).x
+        assert last.x is not None and right is not None
+        error = np.linalg.norm(now.A @ (last.x - right))
+        assert error <= 1e-8 * force_scale(now)
+        assert_kkt(now, last.x, 1e-8)
+
+
+def test_an_unchanged_matrix_needs_no_new_factor() -> None:
+    """As in a pass of the functional iteration; no row is at a bound, and L has much fill."""
+    rng = np.random.default_rng(3)
+    A = contact_matrix(rng, 60, 150, reach=60)
+    qp = ContactQP(A, rng.standard_normal(180), np.full(150, -1e3), np.full(150, np.inf))
+    solver = Lotstedt(accuracy=1e-9)
+    first = last = solver.solve(qp)
+    for step in range(1, 4):  # the first solve may ask for a lower shift
+        last = solver.solve(replace(qp, d=(1 + 0.01 * step) * qp.d), last)
+    assert last.work is not None and last.work.qr_factorizations == 0
+    assert last.memory is first.memory
+
+
+@pytest.mark.parametrize("order", [(50, 20), (20, 50)])
+def test_memory_passes_between_the_paths(order: tuple[int, int]) -> None:
+    """The working set goes on where a sequence grows or shrinks across the border."""
+    qp = contact_qp(np.random.default_rng(5), 30, 60)
+    solver = Lotstedt(accuracy=1e-10)
+    last = None
+    for k in order:
+        part = replace(
+            qp,
+            A=sp.csc_array(qp.A)[:, :k],
+            lower=qp.lower[:k],
+            upper=qp.upper[:k],
+            row_id=qp.row_id[:k],
+            feature=None,
+        )
+        last = solver.solve(part, last)
+        cold = Lotstedt(accuracy=1e-10, variant="exact_qr").solve(replace(part, A=part.dense_A))
+        assert last.found
+        assert np.linalg.norm(part.A @ (last.x - cold.x)) <= 1e-8 * force_scale(part)
