@@ -81,6 +81,7 @@ from solvers.active_set.workspace import (
     INTERVAL,
     OLD_K,
     OLD_ORDER,
+    ORDER,
     PASSES,
     STATUS,
     WRONG,
@@ -148,8 +149,10 @@ def sparse_room(A: sp.csc_array, start: Start | None) -> tuple[SparseWorkspace, 
         return before, True
     old_k = 0 if start is None else start.x.size
     room = make_sparse_workspace(max(A.shape[0], old_k), make_pattern(A), before)
-    if start is not None and before is None:
-        remember(room, start)
+    if before is None:
+        room.I[COUNTS, ORDER] = A.shape[1] + 1
+        if start is not None:
+            remember(room, start)
     return room, False
 
 

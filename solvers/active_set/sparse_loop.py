@@ -85,6 +85,7 @@ from solvers.active_set.workspace import (
     INTERVAL,
     INVERSE_NORM,
     OLD_K,
+    ORDER,
     PASSES,
     SHIFT,
     STATUS,
@@ -197,13 +198,20 @@ def take_gradient(pattern, Bx, S, row):
 
 
 @kernel
-def factorize(pattern, Bx, Lx, S, I):
-    """Today's L of the columns in F, with the shift that they need."""
+def factorize(pattern, Bx, Lx, S, I, f):
+    """Today's L of the f columns in F, with the shift that they need.
+
+    Row COUNTS remembers at ORDER the least size of F at which columns were dependent; a smaller F
+    is tried without shift.
+    """
     inside, kept = I[IN_F], I[IN_L]
     for c in range(pattern.order.size):
         kept[c] = inside[c]
+    if f < I[COUNTS, ORDER]:
+        S[REALS, SHIFT] = 0.0
     flops = cholesky(pattern, Bx, S, I, Lx, S[REALS, SHIFT])
     if flops < 0:
+        I[COUNTS, ORDER] = f
         S[REALS, SHIFT] = FIRST_SHIFT
         I[COUNTS, FLOPS] += -1 - flops
         flops = cholesky(pattern, Bx, S, I, Lx, FIRST_SHIFT)
@@ -212,6 +220,18 @@ def factorize(pattern, Bx, Lx, S, I):
     I[COUNTS, AGE] = 0
     I[COUNTS, FACTORIZATIONS] += 1
     I[COUNTS, FLOPS] += flops + 8 * pattern.Li.size
+
+
+@kernel
+def has_todays_L(I, k):
+    """Whether L is that of today's A and of the present F."""
+    if I[COUNTS, AGE] > 0:
+        return False
+    inside, kept = I[IN_F], I[IN_L]
+    same = True
+    for c in range(k):
+        same = same and inside[c] == kept[c]
+    return same
 
 
 @kernel
@@ -293,39 +313,39 @@ def direction(pattern, Bx, Lx, S, I, m, f, tolerance, mode):
     paper's, (2 C_QR/C_IT)^½, by the online rule as many as cost what a factorization does.
     """
     given_up = 0
+    plain = (mode & NO_R) != 0
+    interval = I[COUNTS, INTERVAL] if mode & CUSTOM else 0
     while True:
-        plain = (mode & NO_R) != 0
+        todays = has_todays_L(I, pattern.order.size)
         C_IT = iteration_flops(pattern, f, m, plain)
         C_QR = S[REALS, FACTORIZATION_COST]
+        many = min(MANY, 2.0 + 2.0 * PRICE * C_QR / C_IT)
         limit = ceil(sqrt(2.0 * C_QR / C_IT))
         if mode & ONLINE:
             limit = iterations_worth(S[REALS], C_QR, C_IT)
-        interval = 0
-        if mode & CUSTOM:
-            interval = I[COUNTS, INTERVAL]
-            if S[REALS, CG_LIMIT] >= 0:
-                limit = S[REALS, CG_LIMIT]
-        age, many = I[COUNTS, AGE], min(MANY, 2.0 + 2.0 * PRICE * C_QR / C_IT)
+        if mode & CUSTOM and S[REALS, CG_LIMIT] >= 0:
+            limit = S[REALS, CG_LIMIT]
         if plain:
             limit = 10.0 * f + 100
-        elif age == 0 or interval > 0:
-            limit = MOST_ITERATIONS if S[REALS, SHIFT] <= LEAST_SHIFT else 2 * many
+        elif todays:
+            limit = 2.0 * many if S[REALS, SHIFT] > LEAST_SHIFT else MOST_ITERATIONS
+        elif interval > 0:
+            limit = MOST_ITERATIONS
         made = conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, limit, plain)
         spent = made if made >= 0 else -1 - made
         I[COUNTS, CG_ITERATIONS] += spent
         I[COUNTS, FLOPS] += spent * C_IT
-        if age == 0:
+        if todays:
             S[REALS, YOUNG] = spent
-        lower = age == 0 and spent > many and S[REALS, SHIFT] > LEAST_SHIFT
+        lower = todays and spent > many and S[REALS, SHIFT] > LEAST_SHIFT
         if lower and I[COUNTS, DUE] == 0:
             S[REALS, SHIFT] *= LOWERED
             I[COUNTS, DUE] = 1
-        if made >= 0 or plain or (age == 0 and not lower):
+        if made >= 0 or plain or (todays and not lower):
             return given_up
-        if age > 0:
-            given_up = age
+        given_up = max(given_up, I[COUNTS, AGE])
         I[COUNTS, DUE] = 0
-        factorize(pattern, Bx, Lx, S, I)
+        factorize(pattern, Bx, Lx, S, I, f)
 
 
 @kernel
@@ -453,9 +473,9 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
     if not (warm and kept):
         forget(I[COUNTS], S[REALS])
     if not warm:
-        S[REALS, SHIFT] = 0.0
+        I[COUNTS, ORDER] = k + 1
     if not (warm and kept) or mode & (OWN_SET | TODAYS_QR) or due:
-        factorize(pattern, Bx, Lx, S, I)
+        factorize(pattern, Bx, Lx, S, I, f)
     I[COUNTS, DUE] = 0
     _, rounding = take_residual(pattern, Bx, S, m)  # 2.
     I[COUNTS, FLOPS] += product
@@ -510,10 +530,10 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
         if worst <= aim:  # 9.
             S[REALS, WRONG] = left
             sound = left <= max(SHARE * eps0, 100 * rounding)
-            if sound or I[COUNTS, AGE] == 0:
+            if sound or has_todays_L(I, k):
                 status = SOLVED if sound else INACCURATE
                 break
-            factorize(pattern, Bx, Lx, S, I)
+            factorize(pattern, Bx, Lx, S, I, f)
             refining = inf
             for c in range(k):
                 mark[c] = 0
