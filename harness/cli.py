@@ -43,7 +43,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-RESUMED = ("replay", "study")
+RESUMED = ("replay", "growth", "study")
 """Commands that continue from their results folder after Ctrl-C."""
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -458,6 +458,55 @@ def criterion(
     print_criterion(_console(), measured, examination)
     if output is not None:
         typer.echo(str(write_criterion(measured, output, examination)))
+
+
+@app.command()
+@told
+def growth(
+    families: Annotated[
+        list[str] | None, typer.Argument(metavar="[FAMILY...]", help="default: tower and wall")
+    ] = None,
+    bodies: Annotated[
+        str | None, typer.Option(help="sizes with commas between, such as 5,20,100")
+    ] = None,
+    solvers: Annotated[
+        str | None, typer.Option(help="as for replay; default: all that could reach these sizes")
+    ] = None,
+    limit: Annotated[
+        float, typer.Option(help="[s] per QP; a backend beyond it is not tried at the next size")
+    ] = 2.0,
+    output: Annotated[Path, typer.Option("-o", "--output", help="folder")] = Path("growth"),
+) -> None:
+    """How does the time per QP grow with the number of bodies, backend by backend?
+
+    Records a short slow motion of each family at each size, replays it warm through the backends,
+    and writes growth.md with tables and a figure. A folder that holds some of it already is
+    continued.
+
+    Example:  glambda growth tower wall,mu=0.3 --bodies 5,20,100 -o growth
+    """
+    from harness.growth import FAMILIES, Plan, measure_growth
+    from harness.progress import shown
+    from reports.growth import print_growth, write_growth
+
+    plan = Plan(
+        families=tuple(families or FAMILIES),
+        bodies=tuple(_sizes(bodies)) if bodies is not None else (),
+        solvers=tuple(_solver_names(solvers)) if solvers is not None else (),
+        limit=limit,
+    )
+    with shown("growth", _console(err=True)) as tell:
+        points = measure_growth(plan, output, progress=tell)
+    print_growth(_console(), points)
+    typer.echo(str(write_growth(points, output)))
+
+
+def _sizes(text: str) -> list[int]:
+    """Whole numbers with commas between."""
+    sizes = [part.strip() for part in text.split(",") if part.strip()]
+    if not sizes or not all(size.isdecimal() for size in sizes):
+        raise ValueError(f"--bodies {text!r}: give whole numbers with commas between")
+    return [int(size) for size in sizes]
 
 
 @app.command()

@@ -1,0 +1,272 @@
+"""How the time per QP grows with the number of columns k, backend by backend.
+
+For each family of scenes and each number of bodies, smallest first:
+
+1. A short motion is recorded, `STEPS` steps of `STEP` seconds without error control, so that all
+   sizes are asked the same.  Beyond `SPARSE_FROM` columns A is stored sparse, which every package
+   that takes sparse matrices is faster with.
+2. It is replayed at accuracy `high` through the backends (`harness.replay`: interleaved passes,
+   answers judged, the least time of each QP counts), each warm, or cold where it has no way of
+   keeping anything from one QP to the next.
+3. A backend whose median call exceeds the limit, or fewer than half of whose answers are verified,
+   is not tried at the next size; the reason is kept.
+
+The folder holds recordings and results.  What is finished in it is not done again; it belongs to
+one version of the code, and refuses another's (`harness.store`).
+
+The exponent p in time ~ k^p is fitted by least squares to the logarithms, over the sizes of
+`FIT_FROM` columns and more: below, what is spent on every call, whatever its size, hides it.  Its
+range is that of the slopes between neighbouring sizes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+import scipy.sparse as sp
+
+from harness.machine import problems_version
+from harness.record import Progress, recording_of
+from harness.recording import Recording, RecordingError, read_recording, write_recording
+from harness.replay import replay
+from harness.study import parse_label
+from problems import ContactQP, simulate
+from problems import scene as make_scene
+from solvers import available_solvers, make_solver
+from solvers.registry import solver_class
+
+FAMILIES = ("tower", "wall")
+BODIES = (5, 10, 20, 50, 110, 225, 500, 1000, 2000, 5000)
+MORE_BODIES = {"tower": (10_000,)}
+"""Sizes beyond `BODIES` of a family that has few columns per body."""
+SOLVERS = (
+    *("lotstedt", "clarabel", "daqp", "highs", "osqp", "piqp", "proxqp"),
+    *("quadprog", "scipy_bvls", "scs", "pgs"),
+)
+"""Who is tried where nobody is named, if it is installed."""
+STEPS, STEP = 8, 0.005
+"""Steps of a sequence, and their length [s]."""
+SPARSE_FROM = 40
+"""QPs of more columns are stored with a sparse A."""
+LIMIT = 2.0
+"""Median of a whole call [s] beyond which a backend is not tried at the next size."""
+HALF = 0.5
+TIMEOUT = 60.0
+"""[s] An answer that takes longer is not judged."""
+SLOW_PASS = 3.0
+"""[s] A pass that takes longer is not repeated."""
+FIT_FROM = 100
+"""Columns from which on the exponent is fitted."""
+
+
+class Exponent(NamedTuple):
+    """p in time ~ k^p over the sizes k_from … k_to; low and high of the neighbouring slopes."""
+
+    p: float
+    low: float
+    high: float
+    k_from: int
+    k_to: int
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is measured.
+
+    families : labels of scenes, such as "tower" or "wall,mu=0.3"
+    bodies : sizes; empty: `BODIES`, and `MORE_BODIES` of the family
+    solvers : names; empty: those of `SOLVERS` that are installed
+    limit : [s] median call beyond which a solver is not tried at the next size
+    """
+
+    families: tuple[str, ...] = FAMILIES
+    bodies: tuple[int, ...] = ()
+    solvers: tuple[str, ...] = ()
+    limit: float = LIMIT
+    repeats: int = 3
+
+    def __post_init__(self) -> None:
+        for family in self.families:
+            name, parameters = parse_label(family)
+            if "bodies" in parameters:
+                raise ValueError(f"{family!r} names its bodies; give sizes by --bodies")
+            make_scene(name, **parameters, bodies=1)
+        if any(bodies < 1 for bodies in self.bodies):
+            raise ValueError(f"bodies = {min(self.bodies)}; there must be at least one")
+        if not self.limit > 0:
+            raise ValueError(f"limit = {self.limit}; give a positive number of seconds")
+        for solver in self.solvers:
+            make_solver(solver)
+
+    def sizes(self, family: str) -> list[int]:
+        """Numbers of bodies, ascending."""
+        more = MORE_BODIES.get(parse_label(family)[0], ())
+        return sorted(set(self.bodies or (*BODIES, *more)))
+
+    def named_solvers(self) -> tuple[str, ...]:
+        """The solvers, written out."""
+        there = available_solvers()
+        return self.solvers or tuple(name for name in SOLVERS if name in there)
+
+
+def sequence(folder: Path, family: str, bodies: int, progress: Progress | None = None) -> Recording:
+    """The recording of a family at one size, from `folder` if it is there and current."""
+    name, parameters = parse_label(family)
+    scene = make_scene(name, **parameters, bodies=bodies)
+    path = folder / "recordings" / f"{scene.label}.h5"
+    kept = _kept(path)
+    if kept is not None and kept.code_version.startswith(f"problems: {problems_version()};"):
+        wanted = {**scene.parameters, "run.until": STEPS * STEP, "run.fixed_step": STEP}
+        if all(kept.parameters.get(key) == value for key, value in wanted.items()):
+            return kept
+    run = simulate(scene, make_solver("lotstedt"), until=STEPS * STEP, fixed_step=STEP)
+    run = replace(run, qps=[_stored(qp) for qp in run.qps])
+    recording = recording_of(run, "lotstedt", until=STEPS * STEP, progress=progress)
+    if kept is None:
+        write_recording(path, recording)
+    return recording  # another one of this label is the store's to refuse
+
+
+def _kept(path: Path) -> Recording | None:
+    if not path.exists():
+        return None
+    try:
+        return read_recording(path)
+    except RecordingError:
+        path.unlink()  # damaged: made anew
+        return None
+
+
+def _stored(qp: ContactQP) -> ContactQP:
+    """The QP with A dense up to `SPARSE_FROM` columns and sparse beyond."""
+    if (qp.k > SPARSE_FROM) == sp.issparse(qp.A):
+        return qp
+    return replace(qp, A=qp.dense_A if qp.k <= SPARSE_FROM else sp.csc_array(qp.A))
+
+
+def measure_growth(
+    plan: Plan, folder: str | Path, *, progress: Progress | None = None
+) -> pd.DataFrame:
+    """Run the plan; one row per family, size and solver.
+
+    family, bodies, m, k;  solver, arm ("warm" or "cold")
+    tried : whether it was run;  reason : why it was not, or why it will not be at the next size
+    runtime, call_time : [s] medians over the QPs of setup + solve, and of the whole call, which
+        includes what our adapter does to pose the QP;  slowest : the largest runtime
+    verified : share of the QPs;  qps : their number
+    iterations, factorizations : means per QP, of the solver's own counting;  NaN where unknown
+
+    Raises ValueError and ImportError as `harness.replay.replay` does, and StoreError where the
+    folder holds results of other code.
+    """
+    folder = Path(folder)
+    rows: list[dict[str, Any]] = []
+    total = float(sum(sum(plan.sizes(family)) for family in plan.families))
+    done = 0.0
+    for family in plan.families:
+        gone: dict[str, str] = {}
+        for bodies in plan.sizes(family):
+            what = f"{family}, {bodies} bodies"
+
+            def tell(
+                part: str, of: float, all_of: float, what: str = what, done: float = done,
+                bodies: int = bodies,
+            ) -> None:  # fmt: skip
+                if progress is not None:
+                    progress(f"{what}: {part}", done + bodies * of / (all_of or 1.0), total)
+
+            tell("record", 0.0, 1.0)
+            recording = sequence(folder, family, bodies)
+            size = {
+                "family": family,
+                "bodies": bodies,
+                "m": max(qp.m for qp in recording.qps),
+                "k": max(qp.k for qp in recording.qps),
+            }
+            active = [name for name in plan.named_solvers() if name not in gone]
+            solves = _replayed(recording, active, plan, folder, tell)
+            for solver in plan.named_solvers():
+                if solver in active:
+                    row = _summary(solves[solves["solver"] == solver], plan.limit)
+                    if row["reason"]:
+                        gone[solver] = f"{row['reason']} at k = {size['k']:,}"
+                else:
+                    row = {"tried": False, "reason": gone[solver]}
+                rows.append({**size, "solver": solver, **row})
+            done += bodies
+    return pd.DataFrame(rows)
+
+
+def _replayed(
+    recording: Recording, solvers: Sequence[str], plan: Plan, folder: Path, progress: Progress
+) -> pd.DataFrame:
+    """Rows of the replay of this recording, each solver in its best arm."""
+    parts = []
+    for arm in ("warm", "cold"):
+        named = [s for s in solvers if (solver_class(s).warm_start == "none") == (arm == "cold")]
+        if named:
+            found = replay(
+                recording,
+                named,
+                ("high",),
+                (arm,),
+                results=folder,
+                repeats=plan.repeats,
+                time_limit=TIMEOUT,
+                slow_pass=SLOW_PASS,
+                progress=progress,
+            )
+            chosen = (found["scene"] == recording.scene) & found["solver"].isin(named)
+            parts.append(found[chosen & (found["arm"] == arm)])
+    return pd.concat(parts) if parts else pd.DataFrame(columns=["solver"])
+
+
+def _summary(solves: pd.DataFrame, limit: float) -> dict[str, Any]:
+    """What is kept of one solver's rows at one size."""
+    verified = float((solves["verdict"] == "verified").mean())
+    call = float(solves["call_time"].median())
+    reason = ""
+    if verified < HALF:
+        worst = solves["verdict"].value_counts().drop("verified", errors="ignore").idxmax()
+        reason = f"{round((1 - verified) * len(solves))} of {len(solves)} not verified ({worst})"
+    elif call > limit:
+        reason = f"{call:.1f} s per call"
+    return {
+        "arm": str(solves["arm"].iloc[0]),
+        "tried": True,
+        "runtime": float(solves["runtime"].median()),
+        "slowest": float(solves["runtime"].max()),
+        "call_time": call,
+        "verified": verified,
+        "qps": len(solves),
+        "iterations": _mean(solves["iterations"]),
+        "factorizations": _mean(solves["qr_factorizations"]),
+        "reason": reason,
+    }
+
+
+def _mean(counts: pd.Series) -> float:
+    return float(counts.mean()) if counts.notna().any() else float("nan")
+
+
+def usable(points: pd.DataFrame) -> pd.DataFrame:
+    """The rows that a comparison of times may use: tried, and every answer verified."""
+    return points[points["tried"].astype(bool) & (points["verified"] == 1.0)]
+
+
+def exponent(k: Iterable[float], seconds: Iterable[float]) -> Exponent | None:
+    """Fit time ~ k^p over the sizes from `FIT_FROM` on; None for fewer than three of them."""
+    pairs = sorted((size, time) for size, time in zip(k, seconds, strict=True) if size >= FIT_FROM)
+    if len(pairs) < 3:
+        return None
+    x, y = np.log(np.array(pairs)).T
+    slopes = np.diff(y) / np.diff(x)
+    p = float(np.polyfit(x, y, 1)[0])
+    return Exponent(
+        p, float(slopes.min()), float(slopes.max()), int(pairs[0][0]), int(pairs[-1][0])
+    )

@@ -1,0 +1,336 @@
+"""What `glambda growth` prints and writes: time per QP against its number of columns.
+
+    growth_times_FAMILY    runtime (setup + solve) of every backend at every size
+    growth_calls_FAMILY    the whole call, with what our adapter does to pose the QP
+    growth_ratios          the fastest other backend over the paper's method
+    growth_exponents       p in time ~ k^p
+    growth_limits          where each backend stops, and why
+
+One figure with both axes logarithmic, one panel per family; one page, growth.md; the measured
+points as growth.csv.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+from rich.console import Console
+from rich.text import Text
+
+from harness.display import table as rich_table
+from harness.growth import FIT_FROM, STEP, STEPS, exponent, usable
+from harness.machine import machine_label
+from reports.findings import join
+from reports.style import (
+    BLUE,
+    GREEN,
+    INK,
+    ORANGE,
+    PAGE_WIDTH,
+    PURPLE,
+    SKY,
+    SOFT,
+    VERMILLION,
+    YELLOW,
+    drawing,
+    save,
+)
+from reports.table import Table, percent, short, times, whole
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+OURS = "lotstedt"
+LARGE = 450
+"""Columns from which on the paper's method is held to be faster by `WANTED`."""
+WANTED = {"tower": 10.0}
+WANTED_ELSE = 3.0
+"""Times faster than the best other backend."""
+LOOKS = (
+    *((VERMILLION, "o"), (BLUE, "s"), (GREEN, "^"), (ORANGE, "D"), (PURPLE, "v"), (SKY, "P")),
+    *((INK, "X"), (YELLOW, "p"), (SOFT, "<"), (BLUE, ">"), (GREEN, "*"), (ORANGE, "h")),
+)
+"""Colour and marker by the solver's place in the plan; no two are the same."""
+
+
+def duration(seconds: Any) -> str:
+    """0.00012 → 120 µs."""
+    value = float(seconds)
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
+        if value >= size:
+            return f"{short(value / size)} {unit}"
+    return f"{short(1e6 * value)} µs"
+
+
+def families_of(points: pd.DataFrame) -> list[str]:
+    """Families in the order measured."""
+    return list(dict.fromkeys(points["family"]))
+
+
+def times_table(points: pd.DataFrame, family: str, column: str = "runtime") -> Table:
+    """One family: k down, backends across; `column` is "runtime" or "call_time"."""
+    part = points[points["family"] == family]
+    solvers = list(dict.fromkeys(part["solver"]))
+    tried = part[part["tried"].astype(bool)]
+    data = part.drop_duplicates("bodies")[["bodies", "m", "k"]].reset_index(drop=True)
+    for solver in solvers:
+        found = tried[tried["solver"] == solver].set_index("bodies")[column]
+        data[solver] = found.reindex(data["bodies"]).to_numpy(float)
+    whole_call = column == "call_time"
+    what = "the whole call, with posing the QP in the package's form" if whole_call else (
+        "setup and solve; posing the QP in the package's form is not counted, and the paper's "
+        "method has nothing to pose"
+    )  # fmt: skip
+    notes = []
+    if not whole_call:
+        bad = tried[tried["verified"] < 1]
+        notes = [
+            f"{row.solver} at k = {row.k:,}: {percent(row.verified)} of the answers are verified."
+            for row in bad.itertuples()
+        ]
+    return Table(
+        name=f"growth_{'calls' if whole_call else 'times'}_{_plain(family)}",
+        title=f"Time per QP, {family}" + (", whole call" if whole_call else ""),
+        reading=f"median over the QPs: {what}. An en dash: not tried, see where they stop.",
+        data=data,
+        formats={"bodies": whole, "m": whole, "k": whole} | dict.fromkeys(solvers, duration),
+        notes=notes,
+    )
+
+
+def ratios_table(points: pd.DataFrame) -> Table:
+    """The fastest other backend against the paper's method, size by size."""
+    good = usable(points)
+    rows = []
+    for (_, bodies), part in good.groupby(["family", "bodies"], sort=False):
+        ours = part[part["solver"] == OURS]
+        # variants of the paper's method are not others
+        others = part[~part["solver"].str.startswith(OURS)]
+        if not len(ours) or not len(others):
+            continue
+        best, mine = others.loc[others["runtime"].idxmin()], ours.iloc[0]
+        ratio = best["runtime"] / mine["runtime"]
+        rows.append(
+            {
+                "family": mine["family"], "bodies": bodies, "k": mine["k"],
+                OURS: mine["runtime"], "best other": best["solver"], "its time": best["runtime"],
+                "ratio": ratio, "wanted": _wanted(mine["family"], mine["k"]),
+                "ratio of calls": others["call_time"].min() / mine["call_time"],
+            }
+        )  # fmt: skip
+    columns = ["family", "bodies", "k", OURS, "best other", "its time", "ratio", "wanted"]
+    data = pd.DataFrame(rows, columns=[*columns, "ratio of calls"])
+    return Table(
+        name="growth_ratios",
+        title="The paper's method and the fastest other backend",
+        reading=(
+            f"ratio is the time of the fastest other backend over that of {OURS}, among those "
+            "whose every answer is verified: above 1, the paper's method is faster. wanted is "
+            f"what it is held to from k = {LARGE} on. ratio of calls is the same with what it "
+            "takes to pose the QP, and may have another backend for best."
+        ),
+        data=data,
+        formats={
+            "bodies": whole, "k": whole, OURS: duration, "its time": duration,
+            "ratio": times, "wanted": times, "ratio of calls": times,
+        },
+        notes=_ratio_notes(data),
+    )  # fmt: skip
+
+
+def _wanted(family: str, k: int) -> float:
+    if k < LARGE:
+        return float("nan")
+    return WANTED.get(family.split(",")[0], WANTED_ELSE)
+
+
+def _ratio_notes(data: pd.DataFrame) -> list[str]:
+    notes = []
+    for family, part in data.groupby("family", sort=False):
+        lost = part[part["ratio"] < 1]
+        if len(lost):
+            who = join([f"k = {r.k:,} ({r._5})" for r in lost.itertuples()])
+            notes.append(f"{family}: another backend is faster at {who}.")
+        held = part[part["wanted"].notna()]
+        if len(held):
+            short_of = held[held["ratio"] < held["wanted"]]
+            low, high = times(held["ratio"].min()), times(held["ratio"].max())
+            text = f"{family}: from k = {LARGE} on the ratio is {low} to {high}; wanted were "
+            text += f"{times(held['wanted'].iloc[0])}, "
+            text += "met at every size." if not len(short_of) else (
+                f"missed at {join([f'k = {k:,}' for k in short_of['k']])}."
+            )  # fmt: skip
+            notes.append(text)
+    return notes
+
+
+def exponents_table(points: pd.DataFrame) -> Table:
+    """p in time ~ k^p, per family and backend."""
+    good, rows = usable(points), []
+    for (family, solver), part in good.groupby(["family", "solver"], sort=False):
+        found = exponent(part["k"], part["runtime"])
+        if found is not None:
+            row = {"family": family, "solver": solver, "p": found.p, "p from": found.low}
+            rows.append({**row, "p to": found.high, "k from": found.k_from, "k to": found.k_to})
+    columns = ["family", "solver", "p", "p from", "p to", "k from", "k to"]
+    return Table(
+        name="growth_exponents",
+        title="Exponents of growth",
+        reading=(
+            f"p in time ~ k^p, fitted from k = {FIT_FROM} on over all sizes at which every answer "
+            "is verified, three or more. p from, p to: the slopes between neighbouring sizes. "
+            "Slopes over different ranges of k do not compare."
+        ),
+        data=pd.DataFrame(rows, columns=columns),
+        formats={**dict.fromkeys(["p", "p from", "p to"], "{:.2f}".format),
+                 "k from": whole, "k to": whole},
+    )  # fmt: skip
+
+
+def limits_table(points: pd.DataFrame) -> Table:
+    """Where each backend was last tried, and why it went no further."""
+    rows = []
+    for (family, solver), part in points.groupby(["family", "solver"], sort=False):
+        tried = part[part["tried"].astype(bool)]
+        last = tried.iloc[-1]
+        reason = last["reason"] or "all sizes were tried"
+        row = {"family": family, "solver": solver, "last k": last["k"]}
+        rows.append({**row, "call there": last["call_time"], "why no further": reason})
+    return Table(
+        name="growth_limits",
+        title="Where they stop",
+        reading=(
+            "the largest k that was tried. A backend goes no further when its median call exceeds "
+            "the limit, or fewer than half of its answers are verified."
+        ),
+        data=pd.DataFrame(rows),
+        formats={"last k": whole, "call there": duration},
+    )
+
+
+def tables_of(points: pd.DataFrame) -> list[Table]:
+    """All tables of the page."""
+    families = families_of(points)
+    return [
+        ratios_table(points),
+        exponents_table(points),
+        *(times_table(points, family) for family in families),
+        limits_table(points),
+        *(times_table(points, family, "call_time") for family in families),
+    ]
+
+
+def plot_growth(points: pd.DataFrame, path: str | Path) -> Path:
+    """Time per QP against k, one panel per family, both axes logarithmic."""
+    families = families_of(points)
+    solvers = list(dict.fromkeys(points["solver"]))
+    looks = {solver: LOOKS[place % len(LOOKS)] for place, solver in enumerate(solvers)}
+    with drawing() as Figure:
+        rows = -(-len(families) // 2)
+        figure = Figure(figsize=(PAGE_WIDTH, 3.4 * rows + 0.6), layout="constrained")
+        grid = figure.subplots(rows, min(2, len(families)), squeeze=False, sharey=True)
+        panels = grid.ravel()
+        for axes in panels[len(families) :]:
+            axes.set_visible(False)
+        for axes, family in zip(panels, families, strict=False):
+            _panel(axes, points[points["family"] == family], looks)
+            axes.set_title(family)
+            axes.set_xlabel("columns k")
+        for axes in grid[:, 0]:
+            axes.set_ylabel("time per QP [s]")
+        handles = {}
+        for axes in panels[: len(families)]:
+            lines, labels = axes.get_legend_handles_labels()
+            handles.update(zip(labels, lines, strict=True))
+        figure.legend(
+            list(handles.values()), list(handles), loc="outside lower center",
+            ncols=min(6, len(handles)),
+        )  # fmt: skip
+        return save(figure, Path(path))
+
+
+def _panel(axes: Axes, part: pd.DataFrame, looks: dict[str, tuple[str, str]]) -> None:
+    tried = part[part["tried"].astype(bool)]
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.grid(True, which="major")
+    for solver, (colour, marker) in looks.items():
+        own = tried[tried["solver"] == solver]
+        if not len(own):
+            continue
+        k, time = own["k"].to_numpy(float), own["runtime"].to_numpy(float)
+        wide = solver == OURS
+        axes.plot(
+            k, time, color=colour, marker=marker, markersize=5 if wide else 3.8,
+            linewidth=2.0 if wide else 1.0, zorder=4 if wide else 3, label=solver,
+        )  # fmt: skip
+        missed = own["verified"].to_numpy(float) < 1
+        axes.plot(
+            k[missed], time[missed], linestyle="none", marker=marker, markersize=6,
+            markerfacecolor="white", markeredgecolor=colour, zorder=5,
+        )  # fmt: skip
+    _guide(axes, tried)
+
+
+def _guide(axes: Axes, tried: pd.DataFrame) -> None:
+    """A line of slope 1, to compare with."""
+    k = np.array([tried["k"].min(), tried["k"].max()], float)
+    start = 0.35 * float(tried["runtime"].min())
+    axes.plot(k, start * k / k[0], color=SOFT, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
+    axes.annotate(
+        "~ k", (k[1], start * k[1] / k[0]), xytext=(-2, -9), textcoords="offset points",
+        color=SOFT, ha="right", fontsize=8,
+    )  # fmt: skip
+
+
+def _plain(family: str) -> str:
+    return family.replace(",", "_").replace("=", "")
+
+
+def print_growth(console: Console, points: pd.DataFrame) -> None:
+    """Print every table but those of whole calls, with their notes."""
+    for table in tables_of(points):
+        if table.name.startswith("growth_calls"):
+            continue
+        shown = table.display()
+        columns = [f">{name}" if table.numeric(name) else name for name in shown.columns]
+        console.print(rich_table(table.title, columns, shown.to_numpy().tolist()))
+        for note in table.notes:
+            console.print(Text(f"  {note}"))
+        console.print()
+
+
+def write_growth(points: pd.DataFrame, folder: str | Path) -> Path:
+    """Write growth.md, growth.csv, the figure and one CSV per table; return the page."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    for suffix in (".svg", ".png"):
+        plot_growth(points, folder / f"growth{suffix}")
+    points.to_csv(folder / "growth.csv", index=False, lineterminator="\n", float_format="%.12g")
+    tables = tables_of(points)
+    for table in tables:
+        (folder / f"{table.name}.csv").write_text(table.to_csv(), encoding="utf-8")
+    page = folder / "growth.md"
+    page.write_text(_page(points, tables), encoding="utf-8")
+    return page
+
+
+def _page(points: pd.DataFrame, tables: Sequence[Table]) -> str:
+    largest = int(points["k"].max())
+    introduction = (
+        f"QPs of {join(families_of(points))} with up to {largest:,} columns: {STEPS} steps of "
+        f"{1000 * STEP:g} ms of a slowly moving scene, replayed warm at accuracy `high` "
+        f"(1e-9 of the scale of the QP), every answer judged. One thread of {machine_label()}. "
+        "Hollow markers: not every answer is verified."
+    )
+    parts = [
+        "# Time per QP against its size\n",
+        introduction + "\n",
+        "![Time per QP against the number of columns](growth.png)\n",
+        *(table.to_markdown() for table in tables),
+    ]
+    return "\n".join(parts)
