@@ -12,7 +12,7 @@ from problems.constraint_graph import ConstraintGraph
 from problems.contacts import Columns, Pose
 from problems.qp import Indices, Matrix, Vector
 
-DENSE_ENTRIES = 250_000
+DENSE_ENTRIES = 4_000
 """Matrices with more entries than this are kept sparse."""
 
 

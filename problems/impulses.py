@@ -16,6 +16,11 @@ from problems.assembly import Assembly, scaled_columns
 from problems.qp import Vector
 from problems.sequence import QPSequence
 
+IMPULSE_ACCURACY = 1e-10
+"""Accuracy asked of an impulse, relative to the momentum: the paper factorizes exactly there."""
+LARGE_IDENTITY = 1000
+"""Without any friction V is the identity; of more columns than this it is not kept with the QP."""
+
 
 def cone_generators(
     assembly: Assembly, mu_I: float
@@ -26,20 +31,24 @@ def cone_generators(
     friction_of = np.full(n_normals, -1)
     rows, columns = assembly.members.nonzero()
     friction_of[columns] = rows
-    normal, friction, direction = [], [], []
-    for i in range(n_normals):
-        slips = mu_I > 0 and friction_of[i] >= 0
-        for turn in (2, 3) if slips else (0,):
-            normal.append(i)
-            friction.append(friction_of[i] if slips else -1)
-            direction.append(turn)
-    count = len(normal)
-    V = sp.lil_array((n_normals + n_frictions, count))
-    for column in range(count):
-        V[normal[column], column] = 1.0
-        if friction[column] >= 0:
-            V[n_normals + friction[column], column] = mu_I if direction[column] == 2 else -mu_I
-    return V.tocsr(), np.array(normal, int), np.array(friction, int), np.array(direction, int)
+    slips = (friction_of >= 0) & (mu_I > 0)
+    normal = np.repeat(np.arange(n_normals), np.where(slips, 2, 1))
+    second = np.append(False, normal[1:] == normal[:-1])
+    direction = np.where(slips[normal], 2 + second, 0)
+    friction = np.where(slips[normal], friction_of[normal], -1)
+    column = np.arange(normal.size)
+    tilted = np.flatnonzero(friction >= 0)
+    V = sp.csr_array(
+        (
+            np.append(np.ones(normal.size), np.where(direction[tilted] == 2, mu_I, -mu_I)),
+            (
+                np.append(normal, n_normals + friction[tilted]),
+                np.append(column, tilted),
+            ),
+        ),
+        shape=(n_normals + n_frictions, normal.size),
+    )
+    return V, normal, friction, direction
 
 
 def solve_impulse(
@@ -54,6 +63,7 @@ def solve_impulse(
         for place, turn in zip(places, direction, strict=True)
     ]
     count = V.shape[1]
+    identity = not assembly.frictions
     qp, solution = qps.solve(
         A=scaled_columns(sp.csc_array(G @ V), D),
         d=D * v + F / D,
@@ -62,14 +72,10 @@ def solve_impulse(
         row_id=4 * assembly.normal_ids[normal] + direction,
         feature=np.array(feature, dtype=np.int64).reshape(-1, 5),
         D=D,
-        generators=V.toarray(),
+        generators=None if identity and count > LARGE_IDENTITY else V.toarray(),
         kind="impulse",
         t=t,
         eps0=IMPULSE_ACCURACY * max(1.0, float(np.linalg.norm(D * v))),
     )
     c = np.asarray(solution.x)
     return qp.residual(c) / D, qp.multipliers(c)
-
-
-IMPULSE_ACCURACY = 1e-10
-"""Accuracy asked of an impulse, relative to the momentum: the paper factorizes exactly there."""

@@ -14,7 +14,8 @@ p. 159]) turn it into a non-negative least-squares problem, a `ContactQP` like e
 This differs from the paper: 1. the Coulomb rows; against lagged bounds alone, (4.8) shrinks λ_N
 while |λ_F| stays below an old bound, so the next bound is too small and a resting contact slips, is
 caught and slips again for ever.  They are left out where they are not feasible.  2. z is scaled by
-‖λ‖, so that r_last ≥ ½ and no digits are lost.
+‖λ‖, so that r_last ≥ ½ and no digits are lost.  3. The QR decomposition is not made where Cholesky
+factors of AᵀA, which are cheaper and stay sparse, prove that A has full column rank.
 """
 
 from __future__ import annotations
@@ -23,14 +24,46 @@ import numpy as np
 import scipy.linalg as sla
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
+from scipy.linalg.lapack import dpotrf
+from scipy.sparse.linalg import splu
 
-from problems.qp import ContactQP, Vector
+from problems.qp import ContactQP, Matrix, Vector
 from problems.sequence import QPSequence
 
 RANK_TOL = 1e-10
 """Diagonal entries of R below this fraction of the first count as 0."""
 ACCURACY = 1e-12
 """Accuracy asked of the least-squares residual, whose last entry is at least ½."""
+SAFE_FRACTION = 1e-6
+"""Singular values above this fraction of ‖A‖ leave no doubt about the rank."""
+
+
+def surely_independent(A: Matrix) -> bool:
+    """Whether the columns of A (m, k) are independent beyond doubt; False proves nothing.
+
+    With τ = `SAFE_FRACTION` ‖A‖_F, AᵀA − τ²I has Cholesky factors only if every singular value
+    exceeds τ: far above rounding, which is some k u ‖A‖² in AᵀA, and far above `RANK_TOL`.
+    """
+    m, k = A.shape
+    if k == 0 or k > m:
+        return k == 0
+    if not sp.issparse(A):
+        normal = A.T @ A
+        normal.flat[:: k + 1] -= SAFE_FRACTION**2 * np.trace(normal)
+        return int(dpotrf(normal, overwrite_a=True)[1]) == 0
+    normal = A.T @ A
+    shift = SAFE_FRACTION**2 * normal.trace()
+    try:
+        factors = splu(
+            sp.csc_matrix(normal - shift * sp.eye_array(k)),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+    except RuntimeError:  # a pivot of 0
+        return False
+    symmetric = np.array_equal(factors.perm_r, factors.perm_c)
+    return symmetric and bool((factors.U.diagonal() > 0).all())
 
 
 def null_space(A: ArrayLike) -> Vector:
@@ -64,6 +97,8 @@ def minimum_norm(qps: QPSequence, qp: ContactQP, x: Vector, coulomb: sp.csr_arra
 
     coulomb : (p, k) sparse rows C with C λ ≥ 0 to be kept as well, or None.
     """
+    if surely_independent(qp.A):
+        return x
     Q2 = null_space(qp.dense_A)
     if Q2.shape[1] == 0:
         return x

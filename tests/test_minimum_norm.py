@@ -10,6 +10,7 @@ from problems.minimum_norm import (
     least_distance_qp,
     minimum_norm,
     null_space,
+    surely_independent,
 )
 from problems.qp import ContactQP
 from problems.sequence import QPSequence
@@ -107,6 +108,24 @@ def test_coulomb_rows_are_kept_where_feasible():
     np.testing.assert_allclose(A @ kept, A @ x, atol=1e-11)
     nothing = sp.csr_array(-np.ones((1, 4)) @ np.diag([1, 1, 0, 0]))  # N1 + N2 ≤ 0: impossible
     np.testing.assert_allclose(minimum_norm(sequence(), qp, x, nothing), free, atol=1e-9)
+
+
+@pytest.mark.parametrize("form", [np.array, sp.csc_array])
+@pytest.mark.parametrize("least", [1.0, 1e-3, 1e-5, 1e-7, 1e-9, 0.0])
+def test_independence_is_claimed_only_where_qr_confirms_it(form, least):
+    """Singular values from 1 down to `least`: near dependence is left to the QR decomposition."""
+    rng = np.random.default_rng(7)
+    U, _, Vt = np.linalg.svd(rng.normal(size=(60, 50)), full_matrices=False)
+    A = U * np.linspace(1, least, 50) @ Vt
+    assert surely_independent(form(A)) == (least >= 1e-5)
+    assert null_space(A).shape[1] == (least == 0)
+
+
+def test_more_columns_than_rows_or_a_column_of_zeros_are_not_independent():
+    assert not surely_independent(np.ones((2, 3)))
+    assert not surely_independent(np.diag([1.0, 0.0]))
+    assert not surely_independent(sp.csc_array(np.diag([1.0, 0.0])))
+    assert surely_independent(np.zeros((3, 0)))
 
 
 def test_full_rank_needs_no_qp():
