@@ -1,0 +1,96 @@
+"""Facts, bound and reference of QPs of many columns, by sparse factors instead of dense ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+import harness.facts as facts_module
+from harness.error_bound import error_bound
+from harness.facts import UNKNOWN, Facts, facts_of
+from harness.oracle import reference
+from harness.record import record
+from harness.span import DenseSpan, SparseSpan
+from problems import scene
+from problems.qp import ContactQP
+from tests.random_qps import KINDS, random_qp
+from tests.test_judge import wrong_answers
+
+ANY = sorted(set(KINDS) - {"empty"})
+
+
+@pytest.fixture
+def sparse_facts(monkeypatch: pytest.MonkeyPatch):
+    """`facts_of` as if every QP had many columns."""
+
+    def of(qp: ContactQP) -> Facts:
+        with monkeypatch.context() as patch:
+            patch.setattr(facts_module, "DENSE_COLUMNS", 0)
+            return facts_of(qp)
+
+    return of
+
+
+@pytest.mark.parametrize("kind", ANY)
+def test_facts_agree_with_the_dense_ones(kind, sparse_facts):
+    for seed in range(10):
+        qp, _ = random_qp(kind, seed)
+        dense, sparse = facts_of(qp), sparse_facts(qp)
+        assert sparse.sparse and not dense.sparse
+        assert sparse.rank == dense.rank
+        assert sparse.scale == pytest.approx(dense.scale, rel=1e-6)
+
+
+@pytest.mark.parametrize("kind", ANY)
+def test_error_bound_is_never_below_the_error(kind, sparse_facts):
+    rng = np.random.default_rng(5)
+    for seed in range(5):
+        qp, Ax = random_qp(kind, seed)
+        exact, facts = reference(qp), sparse_facts(qp)
+        known_to = 1e-15 * (1 + np.linalg.norm(qp.d) + np.abs(qp.dense_A).sum())
+        for answer in wrong_answers(qp, exact.x, rng):
+            error = np.linalg.norm(facts.A @ answer - Ax)
+            assert error_bound(qp, answer, facts) >= error * (1 - 1e-9) - known_to
+
+
+@pytest.mark.parametrize("kind", ANY)
+def test_an_answer_that_is_nearly_right_becomes_a_reference(kind, sparse_facts):
+    rng = np.random.default_rng(3)
+    for seed in range(8):
+        qp, _ = random_qp(kind, seed)
+        exact, facts = reference(qp), sparse_facts(qp)
+        start = exact.x + 1e-9 * rng.standard_normal(qp.k)
+        found = reference(qp, facts, start)
+        assert found is not None
+        gap = np.linalg.norm(found.Ax - exact.Ax)
+        assert gap <= found.error_bound + exact.error_bound + 1e-14 * np.linalg.norm(qp.d)
+        assert ((found.x >= qp.lower) & (found.x <= qp.upper)).all()
+
+
+def test_spans_agree():
+    rng = np.random.default_rng(0)
+    U, _, Vt = np.linalg.svd(rng.normal(size=(40, 30)), full_matrices=False)
+    C = U * np.append(np.geomspace(1, 1e-3, 25), np.zeros(5)) @ Vt
+    g = C.T @ rng.normal(size=40)
+    dense, sparse = DenseSpan(C), SparseSpan(sp.csc_array(C))
+    v = np.zeros(40)
+    for _ in range(sparse.passes):
+        v += sparse.correction(g - C.T @ v)
+    np.testing.assert_allclose(v, dense.correction(g), atol=1e-9 * np.linalg.norm(v))
+    assert dense.least_singular_value == pytest.approx(1e-3)
+    assert 0.9e-3 <= sparse.least_singular_value <= 1.001e-3
+
+
+@pytest.mark.parametrize("family", ["tower", "wall", "pyramid"])
+def test_every_qp_of_a_large_recording_has_a_reference(family):
+    recording = record(scene(family, bodies=400), until=0.002)
+    assert all(sp.issparse(qp.A) for qp in recording.qps)
+    for qp, solution, exact in zip(
+        recording.qps, recording.solutions, recording.references, strict=True
+    ):
+        facts = facts_of(qp)
+        assert facts.rank == (UNKNOWN if qp.k > facts_module.RANK_COLUMNS else qp.k)
+        assert exact is not None and exact.error_bound <= 1e-10 * facts.scale
+        assert np.linalg.norm(qp.A @ solution.x - exact.Ax) <= 10 * qp.eps0
+        assert "dense_A" not in vars(qp)
