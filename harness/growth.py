@@ -4,7 +4,7 @@ For each family of scenes and each number of bodies, smallest first:
 
 1. A short motion is recorded, `STEPS` steps of `STEP` seconds without error control, so that all
    sizes are asked the same.  Beyond `SPARSE_FROM` columns A is stored sparse, which every package
-   that takes sparse matrices is faster with.
+   that takes sparse matrices is faster with, and with a pattern that keeps (`whole_bodies`).
 2. It is replayed at accuracy `high` through the backends (`harness.replay`: interleaved passes,
    answers judged, the least time of each QP counts), each warm, or cold where it has no way of
    keeping anything from one QP to the next.
@@ -37,6 +37,7 @@ from harness.replay import replay
 from harness.study import parse_label
 from problems import ContactQP, simulate
 from problems import scene as make_scene
+from problems.qp import Matrix
 from solvers import available_solvers, make_solver
 from solvers.registry import solver_class
 
@@ -53,6 +54,8 @@ STEPS, STEP = 8, 0.005
 """Steps of a sequence, and their length [s]."""
 SPARSE_FROM = 40
 """QPs of more columns are stored with a sparse A."""
+COORDINATES = 3
+"""Of a body."""
 LIMIT = 2.0
 """Median of a whole call [s] beyond which a backend is not tried at the next size."""
 HALF = 0.5
@@ -144,9 +147,24 @@ def _kept(path: Path) -> Recording | None:
 
 def _stored(qp: ContactQP) -> ContactQP:
     """The QP with A dense up to `SPARSE_FROM` columns and sparse beyond."""
-    if (qp.k > SPARSE_FROM) == sp.issparse(qp.A):
-        return qp
-    return replace(qp, A=qp.dense_A if qp.k <= SPARSE_FROM else sp.csc_array(qp.A))
+    return replace(qp, A=qp.dense_A if qp.k <= SPARSE_FROM else whole_bodies(qp.A))
+
+
+def whole_bodies(A: Matrix) -> sp.csc_array:
+    """A (m, k) in CSC with an entry for each coordinate of each body that a column touches.
+
+    Zeros among them are stored: a box that stands straight has some, and has none once it tilts by
+    1e-17.  So the pattern is the same from step to step, and a backend can keep what it made of it.
+    """
+    entries = sp.coo_array(A)
+    m = A.shape[0]
+    bodies = m // COORDINATES
+    touched = np.unique(entries.col.astype(np.int64) * bodies + entries.row // COORDINATES)
+    columns = np.repeat(touched // bodies, COORDINATES)
+    rows = (COORDINATES * (touched % bodies)[:, None] + np.arange(COORDINATES)).ravel()
+    values = np.zeros(rows.size)
+    values[np.searchsorted(columns * m + rows, entries.col * m + entries.row)] = entries.data
+    return sp.csc_array((values, (rows, columns)), shape=A.shape)
 
 
 def measure_growth(

@@ -242,7 +242,7 @@ def plot_growth(points: pd.DataFrame, path: str | Path) -> Path:
             axes.set_xlabel("columns k")
         for axes in grid[:, 0]:
             axes.set_ylabel("time per QP [s]")
-        handles = {}
+        handles: dict[str, Any] = {}
         for axes in panels[: len(families)]:
             lines, labels = axes.get_legend_handles_labels()
             handles.update(zip(labels, lines, strict=True))
