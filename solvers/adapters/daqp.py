@@ -6,7 +6,7 @@ x_{j+1} = argmin of the QP + ½ε‖x − x_j‖², which end at a solution of t
 
 Accuracy: `primal_tol` and `dual_tol` are the residual that `asked` allows, not below 1e-14.  The
 proximal iterations end at a step of 1e-14, `eta_prox`: a few per cent more iterations than with a
-loose one, for four more digits.  Beyond 60 unknowns that is below the rounding of x, and now and
+loose one, for four more digits.  Beyond 30 unknowns that is below the rounding of x, and now and
 then they went on for ever; 1e-13 n is enough there.  In a sequence one `daqp.Model` is updated in
 place and keeps its working set; where rows came or went a new one is given the old working set.
 """

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from problems.qp import ContactQP, Solution, Status, Vector, positions_of, working_set_of
 from solvers.base import Answer, Solver, Start
 
-MANY = 60
+MANY = 30
 """Unknowns beyond which the duality gap of a QP is measured against its objective as well."""
 
 
