@@ -96,7 +96,7 @@ def sparse_qps(draw: st.DrawFn, most_bodies: int = 40) -> Posed:
     some columns are redundant; k is up to three times the bodies.
     """
     bodies = draw(st.one_of(st.integers(1, 4), st.integers(most_bodies // 2, most_bodies)))
-    k = int(draw(st.sampled_from([0.5, 1.5, 3.0])) * bodies)
+    k = int(draw(st.sampled_from([0.5, 2.5, 3.0])) * bodies)
     bound_kinds = draw(st.sampled_from([BOUNDS[:1], BOUNDS[:2], BOUNDS]))
     place_kinds = draw(st.sampled_from([PLACES[:2], PLACES]))
     reach = draw(st.integers(1, 6))
