@@ -161,11 +161,11 @@ class Solver(abc.ABC):
             warm = Start(start.x, start.working_set, start.row_id, False, start.memory)
         elif start is not None:
             warm = carry_over(start, qp)
-        clock = time.perf_counter
+        clock, asked = time.perf_counter, self.asked(qp)
         t0 = clock()
         problem = self.build(qp, warm)
         t1 = clock()
-        native = self.setup(problem, self.asked(qp), warm)
+        native = self.setup(problem, asked, warm)
         t2 = clock()
         result = self.run(native)
         t3 = clock()

@@ -198,11 +198,11 @@ def test_the_loop_allocates_nothing():
         "start = Start(None, None, None, False, last.memory)\n"
         "native = solver.setup(qps[0], 1e-9, start)\n"
         "nothing = numba.njit(lambda A, d, l, u, ids, S, I, eps0, mode: None)\n"
-        "nothing(*native.arguments)\n"
+        "nothing(*native)\n"
         "made = []\n"
         "for kernel in (nothing, algorithm_2):\n"
         "    before = rtsys.get_allocation_stats().alloc\n"
-        "    for _ in range(100): kernel(*native.arguments)\n"
+        "    for _ in range(100): kernel(*native)\n"
         "    made.append(rtsys.get_allocation_stats().alloc - before)\n"
         "print(made[1] - made[0])\n"
     )

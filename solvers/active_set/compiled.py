@@ -21,6 +21,7 @@ SOURCES = (
     "conjugate_gradients.py",
     "flops.py",
     "online_rule.py",
+    "settled.py",
     "loop.py",
     "sparse_pattern.py",
     "sparse_workspace.py",
@@ -62,3 +63,27 @@ numba.config.CACHE_DIR = str(_folder)  # type: ignore[attr-defined]
 def kernel(function: Any) -> Any:
     """Compile a function to machine code; it stays callable from other kernels."""
     return numba.njit(cache=True, error_model="numpy", fastmath=set(FAST_MATH))(function)
+
+
+def entry(kernel: Any, *arguments: str) -> Any:
+    """The machine code of `kernel` for arguments of these types, as a callable that checks nothing.
+
+    arguments : "matrix", "vector", "indices" : read-only float64 (2), float64 (1), int64 (1);
+        "floats", "ints" : float64 (2) and int64 (2) to be written to; "float", "int".  In C order.
+
+    numba's dispatcher looks at the type of every argument at every call, which takes as long as
+    handing them over does; what types these are is known here.
+    """
+    real, whole = numba.float64, numba.int64
+    types = {
+        "matrix": numba.types.Array(real, 2, "C", readonly=True),
+        "vector": numba.types.Array(real, 1, "C", readonly=True),
+        "indices": numba.types.Array(whole, 1, "C", readonly=True),
+        "floats": numba.types.Array(real, 2, "C"),
+        "ints": numba.types.Array(whole, 2, "C"),
+        "float": real,
+        "int": whole,
+    }
+    signature = tuple(types[name] for name in arguments)
+    kernel.compile(signature)
+    return kernel.overloads[signature].entry_point

@@ -34,6 +34,7 @@ from solvers.active_set.flops import (
     triangular_flops,
 )
 from solvers.active_set.online_rule import forget, iterations_worth, keep_account
+from solvers.active_set.settled import solve_settled
 from solvers.active_set.workspace import (
     AGE,
     CG_ITERATIONS,
@@ -89,10 +90,10 @@ SHARE = 0.1
 ROUNDING = 4 * UNIT_ROUNDOFF
 """Rounding in Δ, in units of ‖ |B||z| + |d| ‖."""
 
-WARM, OWN_SET, TODAYS_QR, NO_R, CUSTOM, ONLINE = 1, 2, 4, 8, 16, 32
+WARM, OWN_SET, TODAYS_QR, NO_R, CUSTOM, ONLINE, SETTLED = 1, 2, 4, 8, 16, 32, 64
 """Bits of `mode`: there is a previous solution; F is chosen anew; factorize today's A_F; conjugate
 gradients without R; the options in rows REALS and COUNTS replace the paper's; factorize by the
-online rule and not by the paper's."""
+online rule and not by the paper's; try the previous F by itself first."""
 SOLVED, INACCURATE, OUT_OF_PASSES = 0, 1, 2
 """What row COUNTS holds at STATUS."""
 AT_LOWER, FREE, AT_UPPER, PASSIVE = -1, 0, 1, 2
@@ -510,6 +511,9 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
     x, the working set, the counts and the status are left in the workspace.
     """
     m, k = A.shape
+    settled = (mode & SETTLED) != 0 and (mode & WARM) != 0
+    if settled and solve_settled(A, d, lower, upper, row_id, S, I, ROUNDING):
+        return
     for i in range(DIRECTIONS, FLOPS + 1):
         I[COUNTS, i] = 0
     if not mode & WARM:  # a new workspace holds anything
@@ -604,7 +608,7 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
             I[MARK, j] &= 7
         if worst <= rounding:  # 9.
             S[REALS, WRONG] = left
-            sound = left <= max(SHARE * eps0, 100 * rounding)
+            sound = left <= max(SHARE * eps0, 100 * rounding) and rounding < inf
             if sound or fresh:
                 status = SOLVED if sound else INACCURATE
                 break

@@ -58,12 +58,14 @@ import scipy.sparse as sp
 from problems.qp import ContactQP, Status, WorkCounts
 from solvers.active_set import sparse_workspace as sparse
 from solvers.active_set import workspace as dense
+from solvers.active_set.compiled import entry
 from solvers.active_set.loop import (
     CUSTOM,
     INACCURATE,
     NO_R,
     ONLINE,
     OWN_SET,
+    SETTLED,
     SOLVED,
     TODAYS_QR,
     WARM,
@@ -106,12 +108,18 @@ VARIANTS = {
 STATUSES = {SOLVED: Status.SOLVED, INACCURATE: Status.INACCURATE}
 
 
-class Native(NamedTuple):
-    """A kernel, its arguments, and the workspace among them."""
+run_dense = entry(
+    algorithm_2,
+    *("matrix", "vector", "vector", "vector", "indices", "floats", "ints", "float", "int"),
+)
+"""`algorithm_2` as a callable that trusts its arguments: `ContactQP` has made sure of them."""
 
-    kernel: Any
+
+class SparseCall(NamedTuple):
+    """The arguments of `sparse_algorithm_2`, and the workspace that they come from."""
+
     arguments: tuple[Any, ...]
-    room: Workspace | SparseWorkspace
+    room: SparseWorkspace
 
 
 def rows_of(room: Workspace | SparseWorkspace) -> Any:
@@ -129,15 +137,13 @@ def remember(room: Workspace | SparseWorkspace, start: Start) -> None:
     room.S[rows.X, :k] = start.x
 
 
-def dense_room(m: int, k: int, start: Start | None) -> Workspace:
-    """A workspace that holds what `start` remembers, if there is one."""
-    if start is None:
-        return make_workspace(m, k)
+def dense_room(m: int, k: int, start: Start) -> Workspace:
+    """A workspace that holds what `start` remembers."""
     room = start.memory
     if not isinstance(room, Workspace):
         room = make_workspace(0, start.x.size)
         remember(room, start)
-    return room if room.n >= m and room.n >= k else make_workspace(m, k, room)
+    return make_workspace(m, k, room)
 
 
 def sparse_room(A: sp.csc_array, start: Start | None) -> tuple[SparseWorkspace, bool]:
@@ -202,54 +208,80 @@ class Lotstedt(Solver):
         if self.variant == "exact_qr":
             mode |= TODAYS_QR
         object.__setattr__(self, "_mode", mode)
+        small = mode | TODAYS_QR
+        object.__setattr__(self, "_small", small if self.variant else small | SETTLED)
         object.__setattr__(self, "_crossover", crossover)
 
     def build(self, qp: ContactQP, start: Start | None) -> ContactQP:
         """Nothing: A and d are the method's own form."""
         return qp
 
-    def setup(self, problem: ContactQP, asked: float | None, start: Start | None) -> Native:
-        """Find room; everything else is part of `run`."""
-        A, mode = problem.A, self._mode  # type: ignore[attr-defined]
-        m, k = A.shape
-        if start is not None:
-            mode |= WARM
-        eps0 = -1.0 if asked is None else asked
-        d, lower, upper, row_id = problem.d, problem.lower, problem.upper, problem.row_id
-        room: Workspace | SparseWorkspace
-        if k > SPARSE_FROM and not isinstance(A, np.ndarray):
-            room, kept = sparse_room(A, start)
-            S, I = room.S, room.I
-            factors = room.pattern, room.Bx, room.Lx
-            native = Native(
-                sparse_algorithm_2,
-                (A.data, d, lower, upper, row_id, *factors, S, I, kept, eps0, mode),
-                room,
-            )
+    def setup(self, problem: ContactQP, asked: float | None, start: Start | None) -> Any:
+        """Find room; everything else is part of `run`.  Returns the arguments of the kernel."""
+        A, k = problem.A, problem.lower.size
+        if k > SPARSE_FROM and type(A) is not np.ndarray:
+            return self._setup_sparse(problem, asked, start)
+        mode: int = self._mode  # type: ignore[attr-defined]
+        if k <= self._crossover or problem.kind in EXACT_KINDS:  # type: ignore[attr-defined]
+            mode = self._small  # type: ignore[attr-defined]
+        if start is None:
+            room = make_workspace(problem.d.size, k)
         else:
-            room = dense_room(m, k, start)
-            S, I = room.S, room.I
-            if k <= self._crossover or problem.kind in EXACT_KINDS:  # type: ignore[attr-defined]
-                mode |= TODAYS_QR
-            native = Native(
-                algorithm_2, (problem.dense_A, d, lower, upper, row_id, S, I, eps0, mode), room
-            )
+            mode |= WARM
+            room = start.memory
+            if type(room) is not Workspace or room.n < k or room.n < problem.d.size:
+                room = dense_room(problem.d.size, k, start)
         if mode & CUSTOM:
-            limit = self.iteration_limit
-            I[COUNTS, PASSES] = -1 if limit is None else limit
-            I[COUNTS, INTERVAL] = self.interval
-            S[rows_of(room).REALS, CG_LIMIT] = -1.0 if self.cg_limit is None else self.cg_limit
-        return native
+            self._hand_over_options(room)
+        return (
+            problem.dense_A,
+            problem.d,
+            problem.lower,
+            problem.upper,
+            problem.row_id,
+            room.S,
+            room.I,
+            -1.0 if asked is None else asked,
+            mode,
+        )
 
-    def run(self, native: Native) -> None:
+    def _setup_sparse(
+        self, problem: ContactQP, asked: float | None, start: Start | None
+    ) -> SparseCall:
+        mode: int = self._mode  # type: ignore[attr-defined]
+        room, kept = sparse_room(problem.A, start)
+        if mode & CUSTOM:
+            self._hand_over_options(room)
+        return SparseCall(
+            (
+                *(problem.A.data, problem.d, problem.lower, problem.upper, problem.row_id),
+                *(room.pattern, room.Bx, room.Lx, room.S, room.I, kept),
+                *(-1.0 if asked is None else asked, mode if start is None else mode | WARM),
+            ),
+            room,
+        )
+
+    def _hand_over_options(self, room: Workspace | SparseWorkspace) -> None:
+        limit = self.iteration_limit
+        room.I[COUNTS, PASSES] = -1 if limit is None else limit
+        room.I[COUNTS, INTERVAL] = self.interval
+        room.S[rows_of(room).REALS, CG_LIMIT] = -1.0 if self.cg_limit is None else self.cg_limit
+
+    def run(self, native: Any) -> None:
         """Algorithm 2."""
-        native.kernel(*native.arguments)
+        if type(native) is tuple:
+            run_dense(*native)
+        else:
+            sparse_algorithm_2(*native.arguments)
 
-    def read(self, qp: ContactQP, native: Native, result: Any) -> Answer:
+    def read(self, qp: ContactQP, native: Any, result: Any) -> Answer:
         """x, the working set and the counts out of the workspace."""
-        room = native.room
-        S, I = room.S, room.I
-        rows = rows_of(room)
+        if isinstance(native, SparseCall):
+            room: Workspace | SparseWorkspace = native.room
+        else:
+            S, I = native[5:7]
+            room = Workspace(S, I, S.shape[1])
+        S, I, rows = room.S, room.I, rows_of(room)
         counts = I[COUNTS].tolist()
         work = WorkCounts(*counts[DIRECTIONS : FLOPS + 1])
         status = STATUSES.get(counts[STATUS], Status.ITERATION_LIMIT)

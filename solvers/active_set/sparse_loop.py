@@ -529,7 +529,7 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
                     worst, entering = wrong, c
         if worst <= aim:  # 9.
             S[REALS, WRONG] = left
-            sound = left <= max(SHARE * eps0, 100 * rounding)
+            sound = left <= max(SHARE * eps0, 100 * rounding) and rounding < inf
             if sound or has_todays_L(I, k):
                 status = SOLVED if sound else INACCURATE
                 break
