@@ -1,5 +1,7 @@
 # make study   simulate, record, replay and report the four scenes: results/report/index.html
 # make publish study, and its report into reports/published
+# make growth  time per QP against its size, up to 20,000 columns: results/growth/growth.md
+# make bench   work counts against the committed baseline, then times as ratios
 # make test    all tests
 # Each makes the virtual environment .venv first if it is missing; Python 3.11 or newer is needed.
 
@@ -8,7 +10,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: study quick publish test lint clean
+.PHONY: study quick publish growth bench test lint clean
 
 study: $(INSTALLED)
 	$(BIN)/glambda study
@@ -20,6 +22,13 @@ publish: study
 	rm -rf reports/published
 	$(BIN)/glambda report results -o reports/published
 	rm reports/published/figures/*.svg
+
+growth: $(INSTALLED)
+	$(BIN)/glambda growth -o results/growth
+
+bench: $(INSTALLED)
+	$(BIN)/python benchmarks/work_counts.py
+	$(BIN)/python benchmarks/times.py
 
 test: $(INSTALLED)
 	$(BIN)/python -m pytest -n auto

@@ -1,0 +1,245 @@
+"""Growth of the time per QP: what is asked of whom, when a backend is given up, what is written.
+
+No time is asserted; where times matter they are made up.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import scipy.sparse as sp
+
+from harness import growth
+from harness.facts import facts_of
+from harness.growth import Plan, exponent, measure_growth, sequence, whole_bodies
+from harness.judge import judge
+from harness.measure import run_pass
+from harness.recording import Recording
+from reports.growth import exponents_table, limits_table, ratios_table, times_table, write_growth
+from solvers import make_solver
+
+SMALL = Plan(families=("tower",), bodies=(3, 30), solvers=("lotstedt", "quadprog"), repeats=1)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("growth")
+
+
+@pytest.fixture(scope="module")
+def points(folder: Path) -> pd.DataFrame:
+    return measure_growth(SMALL, folder)
+
+
+def test_each_size_and_solver_has_one_row(points: pd.DataFrame) -> None:
+    assert list(points["k"]) == [6, 6, 60, 60]
+    assert list(points["solver"]) == ["lotstedt", "quadprog"] * 2
+    assert list(points["arm"]) == ["warm", "cold"] * 2  # quadprog keeps nothing
+    assert points["tried"].all()
+    assert (points["verified"] == 1).all()
+    assert (points["qps"] == growth.STEPS).all()
+    assert (points["runtime"] > 0).all()
+    assert (points["call_time"] >= points["runtime"]).all()
+    assert points["factorizations"].isna().tolist() == [False, True] * 2
+
+
+def test_a_folder_is_continued(points: pd.DataFrame, folder: Path) -> None:
+    before = {path: path.stat().st_mtime_ns for path in folder.rglob("*.*")}
+    again = measure_growth(SMALL, folder)
+    pd.testing.assert_frame_equal(points, again)
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*.*")} == before
+
+
+def test_a_damaged_recording_is_made_anew(tmp_path: Path) -> None:
+    first = sequence(tmp_path, "tower", 3)
+    path = tmp_path / "recordings" / f"{first.scene}.h5"
+    path.write_bytes(path.read_bytes()[:1000])
+    assert sequence(tmp_path, "tower", 3).digest == first.digest
+
+
+def test_large_matrices_are_stored_sparse_and_keep_their_pattern(folder: Path) -> None:
+    small, large = sequence(folder, "tower", 3), sequence(folder, "tower", 30)
+    assert not any(sp.issparse(qp.A) for qp in small.qps)
+    patterns = {(qp.A.indices.tobytes(), qp.A.indptr.tobytes()) for qp in large.qps}
+    assert len(patterns) == 1
+    # boxes that stand straight have zeros, which are stored
+    assert (large.qps[0].A.data == 0).any()
+
+
+@pytest.mark.parametrize("dense", [True, False])
+def test_whole_bodies_keeps_the_matrix(dense: bool) -> None:
+    rng = np.random.default_rng(0)
+    A = rng.standard_normal((12, 5)) * (rng.random((12, 5)) < 0.3)
+    A[:, 2] = 0.0
+    stored = whole_bodies(A if dense else sp.csc_array(A))
+    assert (stored.toarray() == A).all()
+    touched = (A.reshape(4, 3, 5) != 0).any(axis=1)
+    assert stored.nnz == 3 * touched.sum()
+
+
+def made_up(times: dict[str, list[float]], verified: float = 1.0) -> pd.DataFrame:
+    """Points of the family tower at k = 100, 1000, …, with the given runtimes."""
+    rows = [
+        {
+            "family": "tower", "bodies": 50 * 10**i, "m": 150 * 10**i, "k": 100 * 10**i,
+            "solver": solver, "arm": "warm", "tried": True, "runtime": time, "slowest": time,
+            "call_time": 2 * time, "verified": verified if solver == "osqp" else 1.0, "qps": 8,
+            "iterations": 1.0, "factorizations": np.nan, "reason": "",
+        }
+        for solver, own in times.items()
+        for i, time in enumerate(own)
+    ]  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def replayed_as(frame: pd.DataFrame) -> object:
+    """A replay whose answers are known beforehand: call time and share verified by solver."""
+
+    def replay(recording: Recording, solvers: list[str], *_: object, **__: object) -> pd.DataFrame:
+        rows = []
+        for solver in solvers:
+            known = frame[(frame["solver"] == solver) & (frame["k"] == recording.qps[0].k)].iloc[0]
+            for i in range(8):
+                rows.append(
+                    {
+                        "scene": recording.scene, "solver": solver, "arm": "warm",
+                        "verdict": "verified" if i < 8 * known["verified"] else "inaccurate",
+                        "runtime": known["time"], "call_time": known["time"],
+                        "iterations": 1, "qr_factorizations": None,
+                    }
+                )  # fmt: skip
+        return pd.DataFrame(rows)
+
+    return replay
+
+
+def test_who_exceeds_the_limit_or_is_wrong_is_not_tried_again(
+    monkeypatch: pytest.MonkeyPatch, folder: Path
+) -> None:
+    known = [
+        *(("lotstedt", k, 0.1, 1.0) for k in (4, 6, 8)),
+        *(("osqp", k, 0.1, share) for k, share in ((4, 1.0), (6, 0.25))),
+        *(("daqp", k, time, 1.0) for k, time in ((4, 0.5), (6, 2.5))),
+        *(("scs", k, 0.1, 0.75) for k in (4, 6, 8)),
+    ]
+    frame = pd.DataFrame(known, columns=["solver", "k", "time", "verified"])
+    monkeypatch.setattr(growth, "replay", replayed_as(frame))
+    plan = Plan(
+        families=("tower",), bodies=(2, 3, 4), solvers=("lotstedt", "osqp", "daqp", "scs"), limit=2
+    )
+    points = measure_growth(plan, folder)
+    tried = {s: part["tried"].tolist() for s, part in points.groupby("solver", sort=False)}
+    assert tried == {
+        "lotstedt": [True, True, True],
+        "osqp": [True, True, False],
+        "daqp": [True, True, False],
+        "scs": [True, True, True],
+    }
+    why = points[points["k"] == 8].set_index("solver")["reason"]
+    assert why["osqp"] == "6 of 8 not verified (inaccurate) at k = 6"
+    assert why["daqp"] == "2.5 s per call at k = 6"
+    stops = limits_table(points).display().set_index("solver")
+    assert stops.loc["daqp", "last k"] == "6"
+    assert stops.loc["lotstedt", "why no further"] == "all sizes were tried"
+
+
+def test_the_exponent_of_a_power_is_found() -> None:
+    found = exponent([10, 100, 1000, 10_000], [9.0, 1e-4, 1e-4 * 10**1.5, 1e-1])
+    assert found is not None
+    assert found.p == pytest.approx(1.5)
+    assert found.low == pytest.approx(1.5)
+    assert found.high == pytest.approx(1.5)
+    assert (found.k_from, found.k_to) == (100, 10_000)  # what is below 100 does not count
+    uneven = exponent([100, 1000, 10_000], [1e-4, 1e-3, 1e-1])
+    assert uneven is not None
+    assert (uneven.low, uneven.high) == (pytest.approx(1.0), pytest.approx(2.0))
+    assert exponent([10, 100, 1000], [1.0, 1.0, 1.0]) is None
+
+
+def test_ratios_are_to_the_fastest_that_is_right() -> None:
+    points = made_up(
+        {"lotstedt": [1e-5, 1e-4], "lotstedt[old_r]": [1e-6, 1e-6], "osqp": [2e-5, 2e-4],
+         "piqp": [5e-6, 2e-3]},
+        verified=0.75,
+    )  # fmt: skip
+    table = ratios_table(points)
+    assert list(table.data["best other"]) == ["piqp", "piqp"]  # osqp is not right everywhere
+    assert list(table.data["ratio"]) == pytest.approx([0.5, 20.0])
+    assert table.data["wanted"].isna().tolist() == [True, False]
+    assert "another backend is faster at k = 100 (piqp)" in table.notes[0]
+    assert "met at every size" in table.notes[1]
+    slower = made_up({"lotstedt": [1e-5, 1e-4], "piqp": [5e-5, 5e-4]})
+    assert "missed at k = 1,000" in ratios_table(slower).notes[-1]
+
+
+def test_unverified_times_are_told_and_not_fitted() -> None:
+    points = made_up({"lotstedt": [1e-5, 1e-4, 1e-3], "osqp": [1e-5, 1e-4, 1e-3]}, verified=0.875)
+    assert list(exponents_table(points).data["solver"]) == ["lotstedt"]
+    assert times_table(points, "tower").notes[0] == (
+        "osqp at k = 100: 87.5 % of the answers are verified."
+    )
+
+
+def test_the_page_and_its_tables_are_written(points: pd.DataFrame, tmp_path: Path) -> None:
+    page = write_growth(points, tmp_path)
+    text = page.read_text(encoding="utf-8")
+    for title in ("Time per QP, tower", "Where they stop", "Exponents", "growth.png"):
+        assert title in text
+    assert (tmp_path / "growth.png").stat().st_size > 10_000
+    assert (tmp_path / "growth.svg").exists()
+    kept = pd.read_csv(tmp_path / "growth.csv")
+    assert list(kept["k"]) == list(points["k"])
+    assert kept["runtime"].to_numpy() == pytest.approx(points["runtime"].to_numpy())
+    write_growth(points, tmp_path / "again")
+    for name in ("growth.md", "growth.csv", "growth.svg", "growth.png"):
+        assert (tmp_path / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("fields", "complaint"),
+    [
+        ({"families": ("nowhere",)}, "nowhere"),
+        ({"families": ("tower,bodies=5",)}, "names its bodies"),
+        ({"families": ("fig2",)}, "bodies"),
+        ({"bodies": (0,)}, "at least one"),
+        ({"limit": 0.0}, "positive"),
+        ({"solvers": ("nobody",)}, "nobody"),
+    ],
+)
+def test_a_bad_plan_is_refused(fields: dict[str, object], complaint: str) -> None:
+    with pytest.raises(ValueError, match=complaint):
+        Plan(**fields)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def large(folder: Path) -> list[Recording]:
+    return [sequence(folder, "tower", 110), sequence(folder, "wall", 50)]
+
+
+@pytest.mark.parametrize(
+    ("solver", "few"), [("osqp", 500), ("piqp", 30), ("proxqp", 30), ("clarabel", 30), ("daqp", 30)]
+)
+def test_large_qps_do_not_ask_a_package_for_less_than_rounding(
+    large: list[Recording], solver: str, few: int
+) -> None:
+    """With tolerances that serve small QPs they went on to their caps, to the same answer."""
+    for recording in large:
+        facts = [facts_of(qp) for qp in recording.qps[:4]]
+        posed = [f.qp.with_accuracy(f.asked("high")) for f in facts]
+        outcomes, _ = run_pass(make_solver(solver), posed, warm=True)
+        for qp, outcome, f in zip(posed, outcomes, facts, strict=True):
+            assert outcome.iterations is not None
+            assert outcome.iterations <= few
+            found = judge(qp, outcome.x, asked=qp.eps0, facts=f, seek_reference=False)
+            assert found.verdict == "verified"
+
+
+def test_no_large_tower_is_called_unbounded(folder: Path) -> None:
+    """OSQP and ProxQP took a tower of 500 boxes for an unbounded problem."""
+    qps = sequence(folder, "tower", 500).qps[:2]
+    for solver in ("osqp", "proxqp"):
+        outcomes, _ = run_pass(make_solver(solver), qps, warm=True)
+        assert [outcome.status for outcome in outcomes] == ["SOLVED", "SOLVED"]
