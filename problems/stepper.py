@@ -19,13 +19,16 @@ This differs from the paper, because the text leaves it open or the rule fails a
  3. the threshold of step 4 is a parameter of its own, `drop_tol`, by default ε;
  4. with slip → stick, every contact that slips slower than ε sticks with it;
  5. events at less than `SHORTEST_STEP` are handled where they are, with no step;
- 6. corrected friction, see `problems.friction`.
+ 6. corrected friction, see `problems.friction`;
+ 7. jamming: sliding forces s μ λ with s kept may feed back on λ with a gain ≥ 1, and then no λ
+    meets both laws at any h (Painlevé).  Where the passes have failed for `JAM_TRIALS` lengths,
+    the contacts that the last one turned round stick from t_{n−1} on.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -58,6 +61,8 @@ MAX_STANDSTILL = 200
 """Events in a row without the time moving on before the simulation gives up."""
 PENETRATION_TOL = 1e-7
 """Initial overlap of two parts that is still taken for contact [m]."""
+JAM_TRIALS = 2
+"""Trials of a step in which the friction passes may fail to settle before contacts jam."""
 REST_TIME = 0.3
 """How long all bodies must be still to be at rest [s]."""
 
@@ -233,6 +238,7 @@ class Stepper:
         path = self.history.path(self.q)
         h_full = self._step_length()
         h = min(h_full, min([*self._scheduled(), end]) - self.t)
+        unsettled = 0
         for _ in range(MAX_TRIES):
             handed_over, losses = edge_ends(self.graph, path, h)
             hits = first_hits(self.graph, path, h, self.slowest_approach)
@@ -246,12 +252,17 @@ class Stepper:
                 h = h_event
                 handed_over, _ = edge_ends(self.graph, path, h)
             step = self._try_velocity(path, h, handed_over)
+            unsettled += not step.settled
+            if unsettled == JAM_TRIALS and (jammed := self._reversed(step)):
+                self._reject()
+                self._count_standstill()
+                self._stick(jammed)
+                return
             shorter = self._rejected_length(step, h)
             if shorter is not None:
                 h, h_full = shorter, min(h_full, shorter)
                 self._reject()
                 continue
-            assert step is not None
             h_stick, stopped = self._slip_to_stick(step, slip_before)
             if h_stick < SHORTEST_STEP:
                 self._reject()
@@ -284,10 +295,10 @@ class Stepper:
 
     def _try_velocity(
         self, path: Path, h: float, handed_over: dict[int, tuple[int, int, int]]
-    ) -> VelocityStep | None:
+    ) -> VelocityStep:
         """Step 2."""
         q = path(h)
-        return self.equations.solve(
+        step = self.equations.solve(
             self.qps,
             Assembly(self.graph, q, handed_over),
             self.history,
@@ -296,16 +307,25 @@ class Stepper:
             self.t + h,
             h,
             self.lam_known,
-            must_accept=h <= 100 * SHORTEST_STEP,
         )
+        # steps that short are taken as they are
+        return replace(step, settled=step.settled or h <= 100 * SHORTEST_STEP)
 
-    def _rejected_length(self, step: VelocityStep | None, h: float) -> float | None:
+    def _reversed(self, step: VelocityStep) -> list[Friction]:
+        """Sliding contacts that a trial leaves slipping the other way."""
+        return [
+            friction
+            for friction, speed in zip(step.assembly.frictions, step.slip_speed, strict=True)
+            if friction.sign * speed > 0
+        ]
+
+    def _rejected_length(self, step: VelocityStep, h: float) -> float | None:
         """A shorter step where the trial does not do, else None.
 
         The iteration did not settle, or it is the first step after a restart, whose local error
         is known only now.
         """
-        if step is None:
+        if not step.settled:
             return h / 2
         if self.history.steps == 0 and self.options.fixed_step is None:
             largest = first_order_step(self.equations.norm(step.a), self.options.eps)

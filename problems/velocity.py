@@ -15,7 +15,7 @@ This differs from the paper: ε₀ in (3.14) is multiplied by h/α₀, as its de
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -41,7 +41,10 @@ FIRST_RATE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class VelocityStep:
-    """What a step of length h found: q, q̇, q̈ (3n,), λ_N (N,), λ_F (F,) and its `Assembly`."""
+    """What a step of length h found: q, q̇, q̈ (3n,), λ_N (N,), λ_F (F,) and its `Assembly`.
+
+    settled : whether the passes came to an end by (3.14); else this is the last one
+    """
 
     h: float
     q: Vector
@@ -52,6 +55,7 @@ class VelocityStep:
     at_bound: Vector
     assembly: Assembly
     passes: int
+    settled: bool = True
 
     @property
     def slip_speed(self) -> Vector:
@@ -86,12 +90,10 @@ class VelocityEquations:
         t: float,
         h: float,
         known: int,
-        must_accept: bool = False,
-    ) -> VelocityStep | None:
-        """q̇_n and λ_n of the step of length h that ends at (q, t); None where it is rejected.
+    ) -> VelocityStep:
+        """q̇_n and λ_n of the step of length h that ends at (q, t).
 
         known : time points with λ since the last jump in q̇ (0: (4.4), 1: (4.3), 2: (4.2))
-        must_accept : take the last pass even if the iteration has not settled
         """
         inverse_mass = 1 / self.D**2
         alpha0, b = history.bdf(h)
@@ -163,7 +165,7 @@ class VelocityEquations:
             guess, change_before = v, change
             if correct:
                 lam_star = relaxation.next(lam_star, lam_N)
-        return step if must_accept else None
+        return replace(step, settled=False)
 
 
 class _Layout:
