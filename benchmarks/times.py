@@ -37,7 +37,10 @@ from typing import Any
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
-SEQUENCES = ("fig2", "fig3", "fig4", "fig5", "tower,bodies=20", "wall,bodies=12,mu=0.3")
+SEQUENCES = (
+    *("fig2", "fig3", "fig4", "fig5"),
+    *("tower,bodies=20", "wall,bodies=12,mu=0.3", "tower,bodies=100", "wall,bodies=100"),
+)
 PEERS = ("daqp", "quadprog", "proxqp", "piqp", "highs", "clarabel", "scipy_bvls")
 """Who stands against `lotstedt`, and against it once more, where nobody is named."""
 FIELDS = ("d", "lower", "upper", "row_id", "kind", "restart", "eps0")
@@ -122,7 +125,7 @@ def write_sequences(labels: Sequence[str], path: Path) -> None:
         name, parameters = parse_label(label)
         run = simulate(scene(name, **parameters), make_solver("velocity"))
         kept[label] = [
-            {"A": qp.dense_A, **{name: getattr(qp, name) for name in FIELDS}} for qp in run.qps
+            {"A": qp.A, **{name: getattr(qp, name) for name in FIELDS}} for qp in run.qps
         ]
     path.write_bytes(pickle.dumps(kept))
 

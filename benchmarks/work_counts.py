@@ -33,11 +33,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import scipy.sparse as sp
 
 from harness.measure import run_pass
 from harness.study import parse_label
 from problems import ContactQP, Solution, scene, simulate
-from problems.qp import WorkCounts
+from problems.qp import Matrix, WorkCounts
 from solvers import make_solver
 from solvers.active_set.method import VARIANTS
 
@@ -46,6 +47,7 @@ SEQUENCES = (
     *("fig2", "fig3", "fig4", "fig5"),
     *("tower,bodies=20", "tower,bodies=10,mu=0.3"),
     *("wall,bodies=20", "wall,bodies=12,mu=0.3"),
+    *("tower,bodies=60", "wall,bodies=60"),
     *("pyramid,bodies=10,mu=0.3", "heap,bodies=8"),
 )
 SOLVERS = tuple(f"lotstedt[{variant}]" if variant else "lotstedt" for variant in VARIANTS)
@@ -83,6 +85,12 @@ def _disturb(values: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return values * (1.0 + LAST_BIT * rng.integers(-1, 2, values.shape))
 
 
+def _disturb_matrix(A: Matrix, rng: np.random.Generator) -> Matrix:
+    if isinstance(A, np.ndarray):
+        return _disturb(A, rng)
+    return sp.csc_array((_disturb(np.array(A.data), rng), A.indices, A.indptr), shape=A.shape)
+
+
 def sequence(label: str, seed: int | None = None) -> list[ContactQP]:
     """The QPs of a scene; with a seed, those of another machine in small."""
     name, parameters = parse_label(label)
@@ -90,7 +98,7 @@ def sequence(label: str, seed: int | None = None) -> list[ContactQP]:
         return simulate(scene(name, **parameters), make_solver(DRIVER)).qps
     rng = np.random.default_rng(seed)
     run = simulate(scene(name, **parameters), Disturbed(rng))
-    return [replace(qp, A=_disturb(qp.dense_A, rng), d=_disturb(qp.d, rng)) for qp in run.qps]
+    return [replace(qp, A=_disturb_matrix(qp.A, rng), d=_disturb(qp.d, rng)) for qp in run.qps]
 
 
 def digest(qps: Iterable[ContactQP]) -> str:
