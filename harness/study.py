@@ -25,11 +25,10 @@ from harness.replay import ARMS, replay
 from harness.store import Store
 from problems import scene as make_scene
 from solvers import available_solvers, describe
+from solvers.active_set.method import VARIANTS as LOTSTEDT_VARIANTS
 
 PAPER_SCENES = ("fig2", "fig3", "fig4", "fig5")
-VARIANTS = tuple(
-    f"lotstedt[{variant}]" for variant in ("old_r", "exact_qr", "no_working_set", "plain_cg")
-)
+VARIANTS = tuple(f"lotstedt[{variant}]" for variant in LOTSTEDT_VARIANTS if variant)
 """Variants of the paper's method that the study compares with it."""
 
 

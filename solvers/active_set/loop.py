@@ -8,7 +8,7 @@ A solve that starts on an old R and cannot finish on it ends fresh.
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import inf, nan, sqrt
 
 from solvers.active_set.compiled import kernel
 from solvers.active_set.conjugate_gradients import conjugate_gradients
@@ -37,6 +37,7 @@ from solvers.active_set.online_rule import forget, iterations_worth, keep_accoun
 from solvers.active_set.settled import solve_settled
 from solvers.active_set.workspace import (
     AGE,
+    BEFORE,
     CG_ITERATIONS,
     CG_LIMIT,
     CHANGES,
@@ -52,6 +53,7 @@ from solvers.active_set.workspace import (
     INTERVAL,
     INVERSE_NORM,
     LANES,
+    LAST_TIME,
     LENGTH,
     LOWER,
     MARK,
@@ -72,6 +74,8 @@ from solvers.active_set.workspace import (
     RESIDUAL,
     SIZES,
     STATUS,
+    TIME,
+    TIME_BEFORE,
     TODAY,
     UPDATES,
     UPPER,
@@ -91,9 +95,11 @@ ROUNDING = 4 * UNIT_ROUNDOFF
 """Rounding in Δ, in units of ‖ |B||z| + |d| ‖."""
 
 WARM, OWN_SET, TODAYS_QR, NO_R, CUSTOM, ONLINE, SETTLED = 1, 2, 4, 8, 16, 32, 64
+SCRATCH, EXTRAPOLATED = 128, 256
 """Bits of `mode`: there is a previous solution; F is chosen anew; factorize today's A_F; conjugate
 gradients without R; the options in rows REALS and COUNTS replace the paper's; factorize by the
-online rule and not by the paper's; try the previous F by itself first."""
+online rule and not by the paper's; try the previous F by itself first; never
+update a factorization; begin with x extrapolated from two QPs."""
 SOLVED, INACCURATE, OUT_OF_PASSES = 0, 1, 2
 """What row COUNTS holds at STATUS."""
 AT_LOWER, FREE, AT_UPPER, PASSIVE = -1, 0, 1, 2
@@ -151,7 +157,38 @@ def map_rows(row_id, I, k):
 
 
 @kernel
-def start(S, I, k, warm, own_set):
+def extrapolation(reals):
+    """w = (t_n − t_{n−1})/(t_{n−1} − t_{n−2}) of x + w (x − x before); 0 where time stood still."""
+    now, last, before = reals[TIME], reals[LAST_TIME], reals[TIME_BEFORE]
+    return (now - last) / (last - before) if now > last > before else 0.0
+
+
+@kernel
+def remember_before(S, before, x, scratch, reals, previous, k, warm):
+    """Row `before` := x of the time before t_{n−1}, once x is about to become that of t_n.
+
+    previous (k,) : where each row was; a new row has stood still.
+    """
+    later = not warm or reals[TIME] > reals[LAST_TIME]
+    source = S[x] if later else S[before]
+    kept = S[scratch]
+    for j in range(k):
+        kept[j] = source[previous[j]] if warm and previous[j] >= 0 else nan
+    for j in range(k):
+        S[before, j] = kept[j]
+    if later:
+        reals[TIME_BEFORE] = reals[LAST_TIME] if warm else inf
+    reals[LAST_TIME] = reals[TIME]
+
+
+@kernel
+def extrapolated(x, before, w):
+    """x + w (x − before), x where there is no before."""
+    return x + w * (x - before) if w > 0.0 and before == before else x
+
+
+@kernel
+def start(S, I, k, warm, own_set, w):
     """z from the previous x, members of X on today's bounds; F the previous F and new rows.
 
     Returns the number of columns put into F.  Cold, z is the feasible point nearest to 0 and F
@@ -162,7 +199,7 @@ def start(S, I, k, warm, own_set):
         low, high = S[LOWER, j], S[UPPER, j]
         old = I[PREVIOUS, j] if warm else -1
         member = I[OLD_MEMBER, old] if old >= 0 else FREE
-        z = S[LENGTH, j] * S[X, old] if old >= 0 else 0.0
+        z = S[LENGTH, j] * extrapolated(S[X, old], S[BEFORE, old], w) if old >= 0 else 0.0
         if (member == AT_LOWER and low > -inf) or z < low:
             z = low
         elif (member == AT_UPPER and high < inf) or z > high:
@@ -410,8 +447,11 @@ def direction_by_cg(S, I, m, mp, f, tolerance, mode):
 
 
 @kernel
-def drop_reached(S, I, m, mp, f, fresh):
-    """Step 6: members of F at a bound that p leads to move to X; returns the order."""
+def drop_reached(S, I, m, mp, f, fresh, scratch):
+    """Step 6: members of F at a bound that p leads to move to X; returns the order.
+
+    The columns before the first that leaves keep their place in today's QR, except with `scratch`.
+    """
     kept = 0
     first = f
     for c in range(f):
@@ -428,7 +468,7 @@ def drop_reached(S, I, m, mp, f, fresh):
     if fresh:
         for c in range(kept):
             I[F, c] = I[TODAY, c]
-        return factorize(S, I, m, mp, kept, first)
+        return factorize(S, I, m, mp, kept, 0 if scratch else first)
     for c in range(f - 1, -1, -1):
         j, p = I[F, c], S[P, c]
         if (p > 0 and S[Z, j] >= S[UPPER, j]) or (p < 0 and S[Z, j] <= S[LOWER, j]):
@@ -506,7 +546,7 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
     A : (m, k) C order; d (m,); lower, upper, row_id (k,)
     S, I : a `Workspace` of at least this size, with the memory of the previous solve
     eps0 : accuracy in ‖A δx‖ (3.13), negative for the default of `method`
-    mode : bits WARM, OWN_SET, TODAYS_QR, NO_R, CUSTOM
+    mode : the bits above
 
     x, the working set, the counts and the status are left in the workspace.
     """
@@ -530,7 +570,8 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
         eps0 = 0.0
         for j in range(k):
             eps0 = max(eps0, 1e-9 * abs(S[GRADIENT, j]))
-    f = start(S, I, k, warm, (mode & OWN_SET) != 0)  # 1.
+    w = extrapolation(S[REALS]) if warm and mode & EXTRAPOLATED else 0.0
+    f = start(S, I, k, warm, (mode & OWN_SET) != 0, w)  # 1.
     I[COUNTS, AGE] += 1
     age = 0  # of the R that this QP begins with, 0 where that is today's
     carried = -1
@@ -544,7 +585,7 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
             age = I[COUNTS, AGE]
             carried = carry_R(S, I, m, mp, f)
             if carried < 0:
-                f = start(S, I, k, warm, False)
+                f = start(S, I, k, warm, False, w)
     if carried >= 0:
         f = carried
     else:
@@ -592,7 +633,7 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
                 for j in range(k):
                     I[MARK, j] = 0
             if reached > 0:  # 6.
-                f = drop_reached(S, I, m, mp, f, fresh)
+                f = drop_reached(S, I, m, mp, f, fresh, (mode & SCRATCH) != 0)
                 for j in range(k):
                     I[MARK, j] &= ~DISMISSED
                 refining = inf
@@ -627,6 +668,8 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
             f += 1
             if not fresh:
                 S[REALS, INVERSE_NORM] = S[REALS, GROWN_NORM]
+            if fresh and mode & SCRATCH:
+                f = factorize(S, I, m, mp, f, 0)
             I[MARK, entering] |= ENTERED
             I[COUNTS, CHANGES] += 1
             refining = inf
@@ -646,4 +689,6 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
             given_up = age if factorized else 0
             keep_account(I[COUNTS], S[REALS], factorized, given_up, cost, I[COUNTS, DIRECTIONS])
     I[COUNTS, STATUS] = status
+    if mode & EXTRAPOLATED:
+        remember_before(S, BEFORE, X, P, S[REALS], I[PREVIOUS], k, warm)
     finish(row_id, lower, upper, S, I, k, f)

@@ -61,10 +61,12 @@ from solvers.active_set import workspace as dense
 from solvers.active_set.compiled import entry
 from solvers.active_set.loop import (
     CUSTOM,
+    EXTRAPOLATED,
     INACCURATE,
     NO_R,
     ONLINE,
     OWN_SET,
+    SCRATCH,
     SETTLED,
     SOLVED,
     TODAYS_QR,
@@ -86,6 +88,7 @@ from solvers.active_set.workspace import (
     ORDER,
     PASSES,
     STATUS,
+    TIME,
     WRONG,
     Workspace,
     make_workspace,
@@ -98,13 +101,16 @@ SPARSE_FROM = 40
 """Columns beyond which a sparse A is worked with as it is."""
 EXACT_KINDS = ("impulse", "minimum_norm")
 VARIANTS = {
-    "": "the previous working set; today's QR if small, conjugate gradients with the old R if not",
-    "old_r": "the paper's method at every size: conjugate gradients with the old R",
-    "online": "the same, but R is given up by the online rule and not by the paper's",
-    "exact_qr": "a fresh QR factorization of the previous working set at every QP",
+    "": "the previous working set; today's factorization if small, the online rule if not",
+    "old_r": "the paper's: the previous R, refactorized by its rule, at every size",
+    "online": "the previous R, refactorized by the online rule, at every size",
+    "extrapolated": "the paper's, begun with x extrapolated from the last two steps",
+    "updated_qr": "the previous working set but not its R: one QR at every QP, then updated",
+    "exact_qr": "the same, but a QR from scratch for every working set",
     "no_working_set": "the previous x, but F chosen anew at every QP",
     "plain_cg": "conjugate gradients without R, which only tells ranks and tolerances",
 }
+"""The parts of the paper's idea, one by one."""
 STATUSES = {SOLVED: Status.SOLVED, INACCURATE: Status.INACCURATE}
 
 
@@ -198,15 +204,19 @@ class Lotstedt(Solver):
                 raise ValueError(f"{option} = {value!r}; give a number ≥ 0, or None")
         mode, crossover = 0, CROSSOVER
         custom = self.interval > 0 or self.cg_limit is not None
-        if custom or self.variant in ("old_r", "online", "plain_cg"):
+        if custom or self.variant in ("old_r", "online", "extrapolated", "plain_cg"):
             crossover = -1
         if self.variant in ("", "online"):
             mode |= ONLINE
         if custom or self.iteration_limit is not None:
             mode |= CUSTOM
-        mode |= {"no_working_set": OWN_SET, "plain_cg": NO_R}.get(self.variant, 0)
-        if self.variant == "exact_qr":
-            mode |= TODAYS_QR
+        mode |= {
+            "extrapolated": EXTRAPOLATED,
+            "updated_qr": TODAYS_QR,
+            "exact_qr": TODAYS_QR | SCRATCH,
+            "no_working_set": OWN_SET,
+            "plain_cg": NO_R,
+        }.get(self.variant, 0)
         object.__setattr__(self, "_mode", mode)
         small = mode | TODAYS_QR
         object.__setattr__(self, "_small", small if self.variant else small | SETTLED)
@@ -231,8 +241,8 @@ class Lotstedt(Solver):
             room = start.memory
             if type(room) is not Workspace or room.n < k or room.n < problem.d.size:
                 room = dense_room(problem.d.size, k, start)
-        if mode & CUSTOM:
-            self._hand_over_options(room)
+        if mode & (CUSTOM | EXTRAPOLATED):
+            self._hand_over_options(room, problem.t)
         return (
             problem.dense_A,
             problem.d,
@@ -250,8 +260,8 @@ class Lotstedt(Solver):
     ) -> SparseCall:
         mode: int = self._mode  # type: ignore[attr-defined]
         room, kept = sparse_room(problem.A, start)
-        if mode & CUSTOM:
-            self._hand_over_options(room)
+        if mode & (CUSTOM | EXTRAPOLATED):
+            self._hand_over_options(room, problem.t)
         return SparseCall(
             (
                 *(problem.A.data, problem.d, problem.lower, problem.upper, problem.row_id),
@@ -261,11 +271,12 @@ class Lotstedt(Solver):
             room,
         )
 
-    def _hand_over_options(self, room: Workspace | SparseWorkspace) -> None:
-        limit = self.iteration_limit
+    def _hand_over_options(self, room: Workspace | SparseWorkspace, t: float) -> None:
+        limit, reals = self.iteration_limit, room.S[rows_of(room).REALS]
+        reals[TIME] = t
         room.I[COUNTS, PASSES] = -1 if limit is None else limit
         room.I[COUNTS, INTERVAL] = self.interval
-        room.S[rows_of(room).REALS, CG_LIMIT] = -1.0 if self.cg_limit is None else self.cg_limit
+        reals[CG_LIMIT] = -1.0 if self.cg_limit is None else self.cg_limit
 
     def run(self, native: Any) -> None:
         """Algorithm 2."""

@@ -31,6 +31,7 @@ from solvers.active_set.loop import (
     BOUNCED,
     CUSTOM,
     ENTERED,
+    EXTRAPOLATED,
     FREE,
     INACCURATE,
     NO_R,
@@ -39,14 +40,19 @@ from solvers.active_set.loop import (
     OWN_SET,
     PASSIVE,
     ROUNDING,
+    SCRATCH,
     SHARE,
     SOLVED,
     TODAYS_QR,
     WARM,
+    extrapolated,
+    extrapolation,
+    remember_before,
 )
 from solvers.active_set.online_rule import PRICE, forget, iterations_worth, keep_account
 from solvers.active_set.sparse_cholesky import cholesky, inverse_norm, solve_L, solve_LT
 from solvers.active_set.sparse_workspace import (
+    BEFORE,
     COUNTS,
     FRESH,
     GRADIENT,
@@ -143,15 +149,15 @@ def map_rows(row_id, I, k):
 
 
 @kernel
-def start(order, S, I, warm, own_set):
+def start(order, S, I, warm, own_set, w):
     """Step 1: z from the previous x, F the previous F and new rows; returns the size of F."""
-    x, length, low, high, z = S[X], S[LENGTH], S[LOWER], S[UPPER], S[Z]
+    x, before, length, low, high, z = S[X], S[BEFORE], S[LENGTH], S[LOWER], S[UPPER], S[Z]
     inside, mark, previous, members = I[IN_F], I[MARK], I[PREVIOUS], I[OLD_MEMBER]
     f = 0
     for c in range(order.size):
         old = previous[order[c]] if warm else -1
         member = members[old] if old >= 0 else FREE
-        value = length[c] * x[old] if old >= 0 else 0.0
+        value = length[c] * extrapolated(x[old], before[old], w) if old >= 0 else 0.0
         if (member == AT_LOWER and low[c] > -inf) or value < low[c]:
             value = low[c]
         elif (member == AT_UPPER and high[c] < inf) or value > high[c]:
@@ -313,6 +319,8 @@ def direction(pattern, Bx, Lx, S, I, m, f, tolerance, mode):
     paper's, (2 C_QR/C_IT)^½, by the online rule as many as cost what a factorization does.
     """
     given_up = 0
+    if mode & SCRATCH and not has_todays_L(I, pattern.order.size):
+        factorize(pattern, Bx, Lx, S, I, f)
     plain = (mode & NO_R) != 0
     interval = I[COUNTS, INTERVAL] if mode & CUSTOM else 0
     while True:
@@ -451,7 +459,7 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
     pattern, Bx, Lx, S, I : of a `SparseWorkspace`, with the memory of the previous solve
     kept : whether Lx holds an earlier L of this pattern
     eps0 : accuracy in ‖A δx‖ (3.13), negative for the default of `method`
-    mode : bits WARM, OWN_SET, TODAYS_QR, NO_R, CUSTOM, ONLINE
+    mode : bits of `loop`; SETTLED is for small QPs
     """
     m, k, order = d.size, pattern.order.size, pattern.order
     for i in range(DIRECTIONS, FLOPS + 1):
@@ -466,7 +474,8 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
         eps0 = 0.0
         for c in range(k):
             eps0 = max(eps0, 1e-9 * abs(S[GRADIENT, c]))
-    f = start(order, S, I, warm, (mode & OWN_SET) != 0)  # 1.
+    w = extrapolation(S[REALS]) if warm and mode & EXTRAPOLATED else 0.0
+    f = start(order, S, I, warm, (mode & OWN_SET) != 0, w)  # 1.
     I[COUNTS, AGE] += 1
     interval = I[COUNTS, INTERVAL] if mode & CUSTOM else 0
     due = I[COUNTS, DUE] != 0 if interval == 0 else I[COUNTS, AGE] >= interval
@@ -557,4 +566,6 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
         cost = iteration_flops(pattern, f, m, False) * I[COUNTS, CG_ITERATIONS]
         factorized = I[COUNTS, FACTORIZATIONS] > 0
         keep_account(I[COUNTS], S[REALS], factorized, given_up, cost, I[COUNTS, DIRECTIONS])
+    if mode & EXTRAPOLATED:
+        remember_before(S, BEFORE, X, P, S[REALS], I[PREVIOUS], k, warm)
     finish(order, row_id, lower, upper, S, I)

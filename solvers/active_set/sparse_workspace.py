@@ -16,8 +16,8 @@ from solvers.active_set.sparse_pattern import Pattern
 
 # rows of S
 Z, LENGTH, LOWER, UPPER, GRADIENT, P, Y, RESIDUAL = range(8)
-FRESH, SEARCH, V, REMAINDER, X, WORK, MOMENTUM, REALS = range(8, 16)
-N_FLOAT_ROWS = 16
+FRESH, SEARCH, V, REMAINDER, X, WORK, MOMENTUM, REALS, BEFORE = range(8, 17)
+N_FLOAT_ROWS = 17
 
 # rows of I; `cholesky` uses the two rows past NEXT as well
 COUNTS, MEMBER, OLD_ROW, OLD_MEMBER, PREVIOUS, IN_F, IN_L, MARK, LINK, NEXT = range(10)

@@ -24,8 +24,8 @@ from problems.qp import Vector
 
 # rows of S
 Z, LENGTH, LOWER, UPPER, GRADIENT, P, Y, RESIDUAL, FRESH, NORM2 = range(10)
-TAU, SEARCH, V, REMAINDER, X, STEP, REALS, MOMENTUM, SIZES = range(10, 19)
-N_FLOAT_ROWS = 19
+TAU, SEARCH, V, REMAINDER, X, STEP, REALS, MOMENTUM, SIZES, BEFORE = range(10, 20)
+N_FLOAT_ROWS = 20
 
 # rows of I
 COUNTS, F, MEMBER, OLD_ROW, OLD_MEMBER, OLD_F, PREVIOUS, TODAY, MARK = range(9)
@@ -34,6 +34,7 @@ N_INT_ROWS = 9
 # entries of row REALS
 INVERSE_NORM, GROWN_NORM, WRONG, CG_LIMIT, SHIFT = range(5)
 STEPS, SPENT, FACTORIZATION_COST, PATIENCE, YOUNG = range(5, 10)  # of the online rule
+TIME, LAST_TIME, TIME_BEFORE = range(10, 13)  # of this QP, and of rows X and BEFORE
 # entries of row COUNTS: what is remembered …
 OLD_K, OLD_ORDER, AGE, ORDER, STATUS = range(5)
 # … and what is counted, in the order of `WorkCounts`
