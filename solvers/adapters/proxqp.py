@@ -1,7 +1,8 @@
 """ProxQP, a proximal augmented Lagrangian method (proxsuite; Bambade et al. 2022).
 
 The problem is posed in normal form with rows lower ≤ I x ≤ upper, to the dense backend or, where A
-is sparse, to the sparse one.  P may be singular.  (The dense backend's box constraints would be
+is sparse, to the sparse one with its Cholesky factors: left to itself it goes over to an iterative
+method between 2,000 and 4,000 unknowns, which is a thousand times slower.  P may be singular.  (The dense backend's box constraints would be
 more natural, but a warm start with their multipliers is refused: it checks them against n_in = 0.)
 
 Accuracy: `eps_abs` is the residual and `eps_duality_gap_abs` the gap that `asked` allows, not below
@@ -62,6 +63,8 @@ class ProxQP(PackageSolver):
             solver, fill = carried.native.object, carried.native.object.update
         else:
             solver = family.QP(n, 0, n)
+            if family is proxqp.sparse:
+                solver.settings.sparse_backend = proxqp.SparseBackend.SparseCholesky
             fill = solver.init
         settings = solver.settings
         settings.max_iter = self.max_iterations
