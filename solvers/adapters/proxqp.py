@@ -2,16 +2,17 @@
 
 The problem is posed in normal form with rows lower ≤ I x ≤ upper, to the dense backend or, where A
 is sparse, to the sparse one with its Cholesky factors: left to itself it goes over to an iterative
-method between 2,000 and 4,000 unknowns, which is a thousand times slower.  P may be singular.  (The dense backend's box constraints would be
-more natural, but a warm start with their multipliers is refused: it checks them against n_in = 0.)
+method between 2,000 and 4,000 unknowns, which is a thousand times slower.  P may be singular.  (The
+dense backend's box constraints would be more natural, but a warm start with their multipliers is
+refused: it checks them against n_in = 0.)
 
 Accuracy: `eps_abs` is the residual and `eps_duality_gap_abs` the gap that `asked` allows, not below
 1e-13 (two of the scenes' QPs never reach 1e-14); the relative ones are 0, but for the gap of large
 QPs (`Posed.gap_share`).  Without the gap ProxQP may stop with a wrong complementarity (4e-6 off at
 1e-9 asked).  No QP here is infeasible or unbounded, but towers of 500 boxes were called so; what
-ProxQP takes for a proof of it is made very small.  In a sequence the workspace is
-updated in place and x and z start from the previous ones.  Its last bits depend on where its memory
-blocks lie: two solves of the same QP may differ by rounding.
+ProxQP takes for a proof of it is made very small.  In a sequence the workspace is updated in place
+and x and z start from the previous ones.  Its last bits depend on where its memory blocks lie: two
+solves of the same QP may differ by rounding.
 """
 
 from __future__ import annotations
