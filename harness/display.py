@@ -64,10 +64,15 @@ def solvers_table(described: Sequence[SolverInfo]) -> Table:
     )
 
 
+def _share(part: int, whole: int) -> str:
+    """A part of a whole in numbers and per cent."""
+    return f"{part} of {whole} ({part / whole:.0%})" if whole else "not determined"
+
+
 def print_recording(console: Console, recording: Recording, path: str) -> None:
     """What a recording holds."""
     from harness.cost_model import criterion_of
-    from harness.facts import facts_of
+    from harness.facts import UNKNOWN, facts_of
 
     qps = recording.qps
     kinds = ", ".join(
@@ -76,7 +81,8 @@ def print_recording(console: Console, recording: Recording, path: str) -> None:
         if any(qp.kind == kind for qp in qps)
     )
     facts = [facts_of(qp) for qp in qps]
-    deficient = sum(f.rank < f.qp.k for f in facts)
+    ranked = [f for f in facts if f.rank != UNKNOWN]
+    deficient = sum(f.rank < f.qp.k for f in ranked)
     referenced = sum(reference is not None for reference in recording.references)
     criterion = criterion_of(recording)
     events: dict[str, int] = {}
@@ -97,7 +103,7 @@ def print_recording(console: Console, recording: Recording, path: str) -> None:
         sizes = [(qp.m, qp.k) for qp in qps]
         lines += [
             ("sizes", f"m ≤ {max(m for m, _ in sizes)}, k ≤ {max(k for _, k in sizes)}"),
-            ("rank deficient", f"{deficient} of {len(qps)} ({deficient / len(qps):.0%})"),
+            ("rank deficient", _share(deficient, len(ranked))),
             ("references", f"{referenced} of {len(qps)} accepted"),
             (
                 "criterion",

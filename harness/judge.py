@@ -106,7 +106,7 @@ def judge(
         return Judgement("failed", float("inf"), asked)
     facts = facts or facts_of(qp)
     if reference is None and seek_reference:
-        reference = find_reference(qp, facts)
+        reference = find_reference(qp, facts, start=x)
     bound = error_bound(qp, x, facts)
     primal, dual, gap = kkt_residuals(qp, x)
     error, against = bound, {}

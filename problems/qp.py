@@ -38,6 +38,9 @@ FEATURE_FIELDS = ("corner_body", "corner", "edge_body", "edge", "direction")
 """Columns of `ContactQP.feature`.  A body of −1 is the ground (or none).  `direction` is 0 for a
 normal, 1 for a tangent, 2, 3, … for the generators of a friction impulse."""
 
+LARGEST = 1e150
+"""Greatest size of an entry of A or d: squares and sums of squares are finite."""
+
 AT_LOWER, FREE, AT_UPPER, PASSIVE = -1, 0, 1, 2
 """Members of a working set: X at the lower bound (or fixed), F, X at the upper bound, and P."""
 
@@ -52,19 +55,27 @@ def _frozen(name: str, value: ArrayLike, dtype: type = np.float64) -> NDArray[An
     return array
 
 
+def _check_size(name: str, array: NDArray[np.float64]) -> None:
+    if array.size and not max(array.max(), -array.min()) <= LARGEST:
+        raise ValueError(
+            f"{name} holds an entry beyond ±{LARGEST:g}, whose square overflows; "
+            "scale the problem, and pose infinite forces as a bound"
+        )
+
+
 def _frozen_matrix(value: Any) -> Matrix:
     if not sp.issparse(value):
         A = _frozen("A", value)
         if A.ndim != 2:
             raise ValueError(f"A must be a matrix (m, k); got shape {A.shape}")
-        if not np.isfinite(A).all():
-            raise ValueError("A holds an infinity; all its entries must be finite")
+        _check_size("A", A)
         return A
     A = sp.csc_array(value, dtype=np.float64, copy=True)
     A.sum_duplicates()
     A.sort_indices()
-    if not np.isfinite(A.data).all():
-        raise ValueError("A holds NaN or an infinity; all its entries must be finite")
+    if np.isnan(A.data).any():
+        raise ValueError("A holds NaN; remove it before posing the QP")
+    _check_size("A", A.data)
     for part in (A.data, A.indices, A.indptr):
         part.setflags(write=False)
     return A
@@ -134,8 +145,7 @@ class ContactQP:
         self._check_values(k)
 
     def _check_values(self, k: int) -> None:
-        if not np.isfinite(self.d).all():
-            raise ValueError("d holds an infinity; all its entries must be finite")
+        _check_size("d", self.d)
         crossed = np.flatnonzero(self.lower > self.upper)
         if crossed.size:
             i = crossed[0]

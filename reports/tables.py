@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from harness.facts import RANK_COLUMNS, UNKNOWN
 from reports.comparison import SHIFT, TIME_LIMIT, Comparison, compare, shifted_geometric_mean
 from reports.results import ARMS, METHOD, Results, is_method, solver_order
 from reports.table import Format, Table, microseconds, percent, scientific, times, whole
@@ -59,7 +60,7 @@ def qps_of(results: Results, scene: str) -> pd.DataFrame:
                 name: [getattr(qp, name) for qp in qps]
                 for name in ("kind", "accepted", "restart", "t", "m", "k")
             },
-            "rank": [_rank(qp.dense_A) for qp in qps],
+            "rank": [_rank(qp.dense_A) if qp.k <= RANK_COLUMNS else UNKNOWN for qp in qps],
         }
     )
 
@@ -90,7 +91,8 @@ def _scene_row(results: Results, scene: str) -> dict[str, Any]:
         row[name.replace("_", " ")] = int((kind == name).sum())
     row["restarts"] = int(qps["restart"].astype(bool).sum())
     row["median k"], row["max k"] = qps["k"].median(), qps["k"].max()
-    row["rank deficient"] = float((qps["rank"] < qps["k"]).mean()) if len(qps) else np.nan
+    ranked = qps[qps["rank"] != UNKNOWN]
+    row["rank deficient"] = float((ranked["rank"] < ranked["k"]).mean()) if len(ranked) else np.nan
     return row
 
 

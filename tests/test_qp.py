@@ -21,7 +21,7 @@ GOOD = {
         ("A", np.ones(3), "must be a matrix"),
         ("d", np.ones(2), "d needs shape (3,)"),
         ("d", np.array([1.0, np.nan, 0.0]), "d holds NaN at index [1]"),
-        ("d", np.array([1.0, np.inf, 0.0]), "d holds an infinity"),
+        ("d", np.array([1.0, np.inf, 0.0]), "d holds an entry beyond"),
         ("lower", np.ones(3), "lower needs shape (2,)"),
         ("lower", np.full(2, np.inf), "may not be"),
         ("upper", np.array([-1.0, 1.0]), "lower[0] = 0 exceeds upper[0] = -1"),

@@ -135,7 +135,7 @@ def test_a_chain_has_little_fill() -> None:
     assert sorted(contact_order(3 * n, A.indptr, A.indices)) == list(range(2 * n))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(sparse_sizes(), st.sampled_from(["", "old_r", "online", "exact_qr", "no_working_set"]))
 def test_sparse_and_dense_give_the_same_force(sizes: tuple[int, int, int], variant: str) -> None:
     """Cold, warm from a QP nearby, and warm when contacts have gone and others have come."""

@@ -105,6 +105,9 @@ MANY = 20.0
 """Iterations on today's L beyond which the next shift is lower, by `LOWERED`, fewer where a new L
 costs less than they do; twice as many, and it is lowered at once."""
 LOWERED = 1e-2
+MOST_FACTORS = 8
+"""Factorizations for one direction: an old L's place is taken, the shift lowered from first to
+least, and something to spare."""
 MOST_ITERATIONS = 200
 """Conjugate gradient iterations of one direction with today's L."""
 TENTH = 0.1
@@ -323,7 +326,7 @@ def direction(pattern, Bx, Lx, S, I, m, f, tolerance, mode):
         factorize(pattern, Bx, Lx, S, I, f)
     plain = (mode & NO_R) != 0
     interval = I[COUNTS, INTERVAL] if mode & CUSTOM else 0
-    while True:
+    for _ in range(MOST_FACTORS):
         todays = has_todays_L(I, pattern.order.size)
         C_IT = iteration_flops(pattern, f, m, plain)
         C_QR = S[REALS, FACTORIZATION_COST]
@@ -347,13 +350,14 @@ def direction(pattern, Bx, Lx, S, I, m, f, tolerance, mode):
             S[REALS, YOUNG] = spent
         lower = todays and spent > many and S[REALS, SHIFT] > LEAST_SHIFT
         if lower and I[COUNTS, DUE] == 0:
-            S[REALS, SHIFT] *= LOWERED
+            S[REALS, SHIFT] = max(LOWERED * S[REALS, SHIFT], LEAST_SHIFT)
             I[COUNTS, DUE] = 1
         if made >= 0 or plain or (todays and not lower):
-            return given_up
+            break
         given_up = max(given_up, I[COUNTS, AGE])
         I[COUNTS, DUE] = 0
         factorize(pattern, Bx, Lx, S, I, f)
+    return given_up
 
 
 @kernel
