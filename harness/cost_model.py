@@ -10,9 +10,9 @@ when a solve needs more than c s*^r iterations; for c = r = 1, the paper's choic
 √(2 C_QR/C_IT).  (The printed C(n) has n^{r+1} − n^{−r}; the printed optimum follows from the form
 above.)
 
-C_QR and C_IT are counted from the sizes of A_F at the reference solution of each recorded QP, by
-the formulas that the paper's method counts its own work with (`solvers.active_set.flops`).  c and r
-are fitted to iterations that were counted at known ages of R (`fit_growth`).
+C_QR and C_IT are counted for A_F at the reference solution of each recorded QP, as the paper's
+method counts its own work (`harness.unit_costs`).  c and r are fitted to iterations that were
+counted at known ages of R (`fit_growth`).
 """
 
 from __future__ import annotations
@@ -25,8 +25,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from harness.recording import Recording
+from harness.unit_costs import UnitCosts, dense_costs, goes_sparse, sparse_costs
 from problems.sequence import WARM_KINDS
-from solvers.active_set.flops import cg_iteration_flops, qr_flops
+from solvers.active_set.sparse_pattern import make_pattern
 
 CLASS_RATIO = 1.5
 """Ages of R are gathered in classes, each reaching so many times further than the one before."""
@@ -43,6 +44,7 @@ class Criterion:
     calls : T, QPs that continue a sequence and have a free column at their reference
     rows, free : medians of m and of the number f of columns of A_F
     C_QR, C_IT : means over the calls [flops]; 0 where there are no calls
+    sparse : share of the calls that take the sparse path
     """
 
     scene: str
@@ -51,6 +53,7 @@ class Criterion:
     free: float
     C_QR: float
     C_IT: float
+    sparse: float = 0.0
 
     @property
     def threshold(self) -> float:
@@ -102,31 +105,37 @@ def criterion_of(recording: Recording) -> Criterion:
 
     QPs without an accepted reference, or with no free column, are left out: no R is made for them.
     """
-    sizes = []
+    costs, pattern = [], None
     for qp, reference in zip(recording.qps, recording.references, strict=True):
         if qp.kind not in WARM_KINDS or reference is None:
             continue
         free = (reference.x > qp.lower) & (reference.x < qp.upper)
-        # Columns that the free ones already span would be passive: R does not hold them.
-        f = int(np.linalg.matrix_rank(qp.dense_A[:, free])) if free.any() else 0
-        if f:
-            sizes.append((qp.m, f))
-    return criterion_of_sizes(recording.scene, sizes)
+        if not free.any():
+            continue
+        if goes_sparse(qp):
+            if pattern is None or not pattern.fits(qp.A):
+                pattern = make_pattern(qp.A)
+            costs.append(sparse_costs(qp, free, pattern))
+        else:
+            # Columns that the free ones already span would be passive: R does not hold them.
+            costs.append(dense_costs(qp.m, int(np.linalg.matrix_rank(qp.dense_A[:, free]))))
+    return criterion_of_costs(recording.scene, costs)
 
 
-def criterion_of_sizes(scene: str, sizes: Iterable[tuple[int, int]]) -> Criterion:
-    """Count C_QR and C_IT for factors A_F of these (m, f), f > 0, one per call of algorithm 2."""
-    sizes = [(int(m), int(f)) for m, f in sizes]
-    if not sizes:
+def criterion_of_costs(scene: str, costs: Iterable[UnitCosts]) -> Criterion:
+    """Mean C_QR and C_IT over calls of algorithm 2; those without a free column are left out."""
+    table = np.array([one for one in costs if one.f > 0], dtype=np.float64)
+    if not table.size:
         return Criterion(scene, 0, 0.0, 0.0, 0.0, 0.0)
-    rows, columns = np.median(np.array(sizes), axis=0)
+    rows, columns, C_QR, C_IT, sparse = table.T
     return Criterion(
         scene=scene,
-        calls=len(sizes),
-        rows=float(rows),
-        free=float(columns),
-        C_QR=float(np.mean([qr_flops(m, f) for m, f in sizes])),
-        C_IT=float(np.mean([cg_iteration_flops(m, f) for m, f in sizes])),
+        calls=len(table),
+        rows=float(np.median(rows)),
+        free=float(np.median(columns)),
+        C_QR=float(C_QR.mean()),
+        C_IT=float(C_IT.mean()),
+        sparse=float(sparse.mean()),
     )
 
 

@@ -3,19 +3,19 @@
 A_F is factorized now and then; in between, conjugate gradients work with the old R.  When should
 it be factorized?  The rules that are compared:
 
-    exact QR        at every QP, and (3.19) is solved with Q and R: no conjugate gradients at all
+    exact QR        at every QP; where A is dense, (3.19) is solved with Q and R, and there are no
+                    conjugate gradients at all
     always, never   at every QP; only where there is no R, as after a restart
     s* paper        every s* QPs, s* = √(2 C_QR/C_IT), predicted with c = r = 1
     s* fitted       the same with c and r fitted
     paper           at once, in the middle of a QP, when a direction is not found in √(2 C_QR/C_IT)
-                    iterations: the solver's own rule, at every size
+                    iterations, at every size
     paper deferred  the same threshold, but the QP is finished with the old R, and the next one is
                     factorized: no iterations are thrown away
     fitted          as paper, with the threshold c s*^r of the fitted c and r
     online          when the average cost since the last factorization stops falling, with no
-                    assumption on c and r (`harness.online_rule`)
-    online timed    the same, with a factorization priced by its time and not by its operations;
-                    what it does then depends on the machine, and may change from run to run
+                    assumption on c and r (`solvers.active_set.online_rule`)
+    as shipped      the solver's default: A_F of today up to some tens of columns, else online
 
 What is done, for one recording:
 
@@ -29,7 +29,7 @@ What is done, for one recording:
    Seconds per factorization and per iteration are fitted to these times and the counts.
 5. A and R are compared with what they were s steps earlier (`harness.drift`).
 
-A cost is the mean of all counted operations, or of the time (setup and solve), over the QPs that
+A cost is the mean of all counted operations, or of the time of the compiled call, over the QPs that
 have a predecessor and a free column: what a restart costs is the same under every rule.  The regret
 of a rule is its cost over that of the best fixed interval, less 1.  A rule that tells QPs apart can
 beat every fixed interval; then it is negative.
@@ -41,7 +41,7 @@ import gc
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from math import ceil, inf, isfinite
+from math import ceil, inf
 from pathlib import Path
 
 import numpy as np
@@ -51,7 +51,7 @@ from numpy.typing import NDArray
 from harness.cost_model import (
     Criterion,
     Growth,
-    criterion_of_sizes,
+    criterion_of_costs,
     fit_growth,
     optimal_interval,
     threshold,
@@ -60,6 +60,7 @@ from harness.drift import drift, predicted_exponent
 from harness.factor_rules import (
     Link,
     Rule,
+    as_shipped,
     drive,
     exact,
     fixed,
@@ -71,13 +72,14 @@ from harness.factor_rules import (
 )
 from harness.recording import Recording, read_recording
 from harness.threads import one_thread
+from harness.unit_costs import UnitCosts
 from harness.unit_times import UnitTimes, fit_unit_times
 
 SWEEP = (1, 2, 3, 5, 8, 12, 18, 25, 40, 60, 100, inf)
 """Fixed intervals that are tried."""
 RULES = (
     *("exact QR", "always", "never", "s* paper", "s* fitted"),
-    *("paper", "paper deferred", "fitted", "online", "online timed"),
+    *("paper", "paper deferred", "fitted", "online", "as shipped"),
 )
 """The rules in the order of tables."""
 BLOCK = 10
@@ -194,8 +196,10 @@ def measure(
         counted = sweep[1].steps["counted"] if 1 in sweep else pd.Series(dtype=bool)
         if not counted.any():
             return None
-        sizes = sweep[1].steps.loc[counted, ["m", "f"]].to_numpy()
-        criterion = criterion_of_sizes(recording.scene, sizes)
+        sizes = sweep[1].steps.loc[counted, list(UnitCosts._fields)]
+        criterion = criterion_of_costs(
+            recording.scene, map(UnitCosts._make, sizes.itertuples(index=False))
+        )
         C_QR, C_IT = criterion.C_QR, criterion.C_IT
         growth = growth_of(list(sweep.values()))
         c, r = growth.prediction() if growth is not None else (1.0, 0.0)
@@ -214,12 +218,11 @@ def measure(
             exact(),
             paper(),
             paper_deferred(),
-            stopping_at(limit, int(sizes[:, 1].max())),
+            stopping_at(limit, int(sizes["f"].max())),
             online(),
+            as_shipped(),
         ):
             rules[rule.name] = bench.first(rule)
-        price = bench.unit_times().ratio * C_IT / C_QR
-        rules["online timed"] = bench.first(online(price)) if isfinite(price) else rules["online"]
         bench.repeat()
     runs = [sweep[s] for s in sorted(sweep)]
     times = bench.unit_times()
@@ -317,8 +320,10 @@ class _Bench:
         return max(self.repeats - 1, min(MOST_TURNS, ceil(ENOUGH / max(seconds, 1e-9))))
 
     def unit_times(self) -> UnitTimes:
-        """Seconds per factorization and iteration, from all runs so far."""
-        return fit_unit_times([run.steps[run.steps["counted"]] for run in self.runs])
+        """Seconds per factorization and iteration, from all runs so far that keep R."""
+        return fit_unit_times(
+            [run.steps[run.steps["counted"]] for run in self.runs if run.rule.keeps_R]
+        )
 
     def _tell(self, what: str, repeated: float = 0.0) -> None:
         """The first runs are the first half of the bar, their repetition the second."""

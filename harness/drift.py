@@ -22,6 +22,9 @@ Where few contacts move relative to the others, iterations so stop growing.
 2. Their columns are matched by row_id and scaled to length 1, as the paper's method does.
 3. R_old is that of a fresh factorization of the columns in QP n − s that are free in QP n.  (A row
    that has come in between is left out: its column in R would be younger.)
+4. On the sparse path A_F may hold dependent columns.  There R_oldᵀR_old = A_F,oldᵀA_F,old + shift
+   stands for R_old, as in the method, and κ is that of the nonzero singular values: conjugate
+   gradients do not see the others.
 """
 
 from __future__ import annotations
@@ -35,17 +38,23 @@ import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from harness.unit_costs import goes_sparse
 from problems.qp import ContactQP, Vector, positions_of
+from solvers.active_set.sparse_loop import FIRST_SHIFT
 
 AGES = (1, 2, 3, 5, 8, 12, 18, 25, 40, 60, 100)
 SAMPLES = 24
 """Pairs sampled for each age."""
-BUDGET = 1e11
-"""Operations that the singular values may take; samples are cut down to it."""
+BUDGET = 1.5e11
+"""Operations that the singular values may take; samples, then ages, are cut down to it."""
 FEWEST = 4
 """Samples of an age below which nothing is said about it."""
+FEWEST_AGES = 3
+"""Ages below which nothing is said at all."""
 SINGULAR = 1e-10
 """|r_jj|/max|r_ii| below which an old A_F tells nothing about today's."""
+ZERO = 1e-11
+"""Eigenvalue of A_Fᵀ A_F, in units of the largest, that is 0."""
 CLOSEST = 1e-14
 """κ − 1 below this is rounding."""
 OUTLYING = 0.1
@@ -79,13 +88,15 @@ def drift(
     """
     chain = np.asarray(chains)
     size = max((qp.m * len(ids) ** 2 for qp, ids in zip(qps, free, strict=True)), default=0)
-    samples = SAMPLES if not size else min(SAMPLES, int(BUDGET / (20 * size * len(AGES))))
+    pairs_in_all = int(BUDGET / (10 * size)) if size else SAMPLES * len(AGES)
+    samples = min(SAMPLES, max(FEWEST, pairs_in_all // len(AGES)))
+    ages = _spread(AGES, pairs_in_all // samples)
     rows = []
-    for age in AGES:
+    for age in ages if len(ages) >= FEWEST_AGES else ():
         later = (
             np.flatnonzero(chain[age:] == chain[:-age]) + age if len(qps) > age else np.array([])
         )
-        if samples < FEWEST or later.size < FEWEST:
+        if later.size < FEWEST:
             continue
         chosen = later[np.unique(np.linspace(0, later.size - 1, samples).astype(int))]
         found = [compare(qps[n - age], qps[n], free[n]) for n in chosen]
@@ -111,21 +122,44 @@ def compare(old: ContactQP, new: ContactQP, free: NDArray[np.int64]) -> Pair | N
     """Compare two QPs; None without a common free column, or where the old ones are dependent."""
     common = new.row_id[positions_of(new.row_id, old.row_id) >= 0]
     kept = np.asarray(free)[positions_of(free, common) >= 0]
-    if not kept.size or kept.size > new.m:
+    if not kept.size:
         return None
     A_old, A_new = _columns(old, common), _columns(new, common)
     length = float(np.linalg.norm(A_new))
-    B_old, B_new = _unit(_columns(old, kept)), _unit(_columns(new, kept))
+    moved = float(np.linalg.norm(A_new - A_old)) / length if length else 0.0
+    values_of = _shifted_values if goes_sparse(new) else _values
+    values = values_of(_unit(_columns(old, kept)), _unit(_columns(new, kept)))
+    if values is None or values[-1] == 0.0:
+        return None
+    outlying = int(np.count_nonzero(np.abs(values - 1.0) > OUTLYING))
+    return Pair(moved, float(values[0] / values[-1]), outlying)
+
+
+def _values(B_old: Vector, B_new: Vector) -> Vector | None:
+    """Singular values of B_new R_old⁻¹, falling; None where B_old has no R."""
+    if B_old.shape[0] < B_old.shape[1]:
+        return None
     R = np.linalg.qr(B_old, mode="r")
     diagonal = np.abs(np.diagonal(R))
     if diagonal.min() <= SINGULAR * diagonal.max():
         return None
-    values = scipy.linalg.svdvals(scipy.linalg.solve_triangular(R, B_new.T, trans="T").T)
-    if values[-1] == 0.0:
+    return scipy.linalg.svdvals(scipy.linalg.solve_triangular(R, B_new.T, trans="T").T)
+
+
+def _shifted_values(B_old: Vector, B_new: Vector) -> Vector | None:
+    """The nonzero ones of B_new R_old⁻¹, R_oldᵀ R_old = B_oldᵀ B_old + shift, falling (4.)."""
+    old, new = B_old.T @ B_old, B_new.T @ B_new
+    sizes = scipy.linalg.eigvalsh(new)
+    rank = int((sizes > ZERO * sizes[-1]).sum())
+    if rank < sizes.size:
+        old[np.diag_indices_from(old)] += FIRST_SHIFT
+    try:
+        L = scipy.linalg.cholesky(old, lower=True)
+    except np.linalg.LinAlgError:
         return None
-    moved = float(np.linalg.norm(A_new - A_old)) / length if length else 0.0
-    outlying = int(np.count_nonzero(np.abs(values - 1.0) > OUTLYING))
-    return Pair(moved, float(values[0] / values[-1]), outlying)
+    half = scipy.linalg.solve_triangular(L, new, lower=True)
+    squares = scipy.linalg.eigvalsh(scipy.linalg.solve_triangular(L, half.T, lower=True))
+    return np.sqrt(np.maximum(squares[::-1][:rank], 0.0))
 
 
 def effort(condition: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -139,6 +173,14 @@ def predicted_exponent(table: pd.DataFrame) -> float:
     if len(table) < 2:
         return float("nan")
     return float(np.polyfit(np.log(table["age"]), np.log(table["effort"]), 1)[0])
+
+
+def _spread(ages: Sequence[int], most: int) -> list[int]:
+    """At most so many of the ages, the first and the last among them."""
+    if most < 2:
+        return list(ages[:most])
+    places = np.linspace(0, len(ages) - 1, min(most, len(ages))).round().astype(int)
+    return [ages[place] for place in places]
 
 
 def _columns(qp: ContactQP, ids: NDArray[np.int64]) -> Vector:

@@ -28,7 +28,7 @@ MARGIN = {"flops": 0.005, "runtime": 0.03}
 """Differences below this are not told: ties, and the noise of times."""
 CYCLES = 3
 """A stretch of fewer cycles than this says little of a rule."""
-HEADS = {"exact QR": "exact", "paper deferred": "deferred", "online timed": "timed"}
+HEADS = {"exact QR": "exact", "paper deferred": "deferred", "as shipped": "shipped"}
 """How rules are called at the head of narrow columns, where not by their names."""
 ADAPTIVE = {rule: HEADS.get(rule, rule) for rule in ("paper", "paper deferred", "fitted", "online")}
 """Rules that look at the iterations, and the heads of their columns."""
@@ -147,7 +147,7 @@ def regret_table(measured: Sequence[Measurement], column: str) -> Table:
                 "scene": one.scene,
                 "best s": best.rule.interval,
                 "cost": best.mean(column),
-                **{HEADS.get(rule, rule): one.regret(rule, column) for rule in _shown(column)},
+                **{HEADS.get(rule, rule): one.regret(rule, column) for rule in RULES},
             }
         )
     what = "time" if timed else "counted operations"
@@ -157,32 +157,27 @@ def regret_table(measured: Sequence[Measurement], column: str) -> Table:
         reading=(
             f"cost is the mean per QP at the best fixed interval, in {'µs' if timed else what}; "
             "the rules stand with what they cost above it.  Below 0, a rule is better than every "
-            "fixed interval.  exact factorizes every QP and needs no conjugate gradients, always "
-            "does with them; paper gives conjugate gradients up in the middle of a QP; deferred "
-            "finishes the QP and factorizes the next; fitted has the threshold of the fitted c and "
-            "r; online stops when the average cost stops falling"
-            + (", timed by the measured time of a factorization." if timed else ".")
+            "fixed interval.  exact factorizes every QP and, where A is dense, needs no conjugate "
+            "gradients; always does with them; paper gives conjugate gradients up in the middle of "
+            "a QP; deferred finishes the QP and factorizes the next; fitted has the threshold of "
+            "the fitted c and r; online stops when the average cost stops falling; shipped is the "
+            "default of the solver."
         ),
         data=pd.DataFrame(rows),
         formats={
             "best s": _interval,
             "cost": microseconds if timed else whole,
-            **{HEADS.get(rule, rule): signed_percent for rule in _shown(column)},
+            **{HEADS.get(rule, rule): signed_percent for rule in RULES},
         },
         notes=_regret_notes(measured, column),
     )
-
-
-def _shown(column: str) -> tuple[str, ...]:
-    """The rules that say something of this cost."""
-    return RULES if column == "runtime" else tuple(r for r in RULES if r != "online timed")
 
 
 def _regret_notes(measured: Sequence[Measurement], column: str) -> list[str]:
     """Where a rule loses, and who has the least of it."""
     notes = []
     for one in measured:
-        regrets = {rule: one.regret(rule, column) for rule in _shown(column)}
+        regrets = {rule: one.regret(rule, column) for rule in RULES}
         lost, kept = regrets["paper"], regrets["paper deferred"]
         if lost > NOTABLE:
             said = f"On {one.scene} paper costs {_percent(lost)} more than the best interval"
@@ -195,31 +190,31 @@ def _regret_notes(measured: Sequence[Measurement], column: str) -> list[str]:
     without = [
         one.scene
         for one in measured
-        if one.rules["exact QR"].mean(column)
-        < min(one.rules[r].mean(column) for r in _shown(column) if r != "exact QR")
+        if not one.criterion.sparse
+        and one.rules["exact QR"].mean(column)
+        < min(run.mean(column) for run in one.rules.values() if run.rule.keeps_R)
     ]
     if without:
         notes.append(
             f"On {join(without)} a factorization at every QP, without conjugate gradients, is "
             "cheaper than every rule that keeps R."
         )
-    worst = {rule: max(one.regret(rule, column) for one in measured) for rule in _shown(column)}
+    worst = {rule: max(one.regret(rule, column) for one in measured) for rule in RULES}
     order = sorted(worst, key=worst.__getitem__)
     notes.append(
         "Largest regret of each rule, the smallest first: "
         + ", ".join(f"{rule} {_percent(worst[rule])}" for rule in order)
         + "."
     )
-    own = "online timed" if column == "runtime" else "online"
     beaten = [
         f"{one.scene} ({better}, by {_percent(gap)})"
         for one in measured
-        for better, gap in [_better_than(own, one, column)]
+        for better, gap in [_better_than("online", one, column)]
         if gap > MARGIN[column]
     ]
     if beaten:
         notes.append(
-            f"{own} is not the cheapest rule that keeps R and knows nothing ahead on "
+            f"online is not the cheapest rule that keeps R and knows nothing ahead on "
             f"{join(beaten)}."
         )
     return notes
@@ -227,7 +222,11 @@ def _regret_notes(measured: Sequence[Measurement], column: str) -> list[str]:
 
 def _better_than(own: str, one: Measurement, column: str) -> tuple[str, float]:
     """The cheapest other rule that keeps R and needs no fit, and by how much of the cost of own."""
-    others = [r for r in _shown(column) if "fitted" not in r and r not in (own, "exact QR")]
+    others = [
+        name
+        for name, run in one.rules.items()
+        if run.rule.keeps_R and "fitted" not in name and name != own
+    ]
     best = min(others, key=lambda rule: one.rules[rule].mean(column))
     return best, 1.0 - one.rules[best].mean(column) / one.rules[own].mean(column)
 

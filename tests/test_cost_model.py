@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from functools import cache
 from math import inf, sqrt
 
 import numpy as np
 import pytest
 
 from harness.cost_model import cost_per_call, criterion_of, optimal_interval, threshold
+from harness.factor_rules import drive, fixed, sequence
+from harness.record import recording_of
+from harness.recording import Recording
+from harness.unit_costs import dense_costs, goes_sparse, sparse_costs
+from problems import scene, simulate
+from solvers import make_solver
 from solvers.active_set.flops import cg_iteration_flops, qr_flops
+from solvers.active_set.sparse_pattern import make_pattern
 from tests.fake_recordings import fake_recording
 
 
@@ -67,3 +75,41 @@ def test_a_recording_without_steps_has_no_criterion() -> None:
     made = fake_recording(length=6)
     none = criterion_of(replace(made, qps=(), solutions=(), references=()))
     assert none.calls == 0 and none.threshold == 0.0 and none.cost_per_call == 0.0
+
+
+@cache
+def tower_recording() -> Recording:
+    """A tower large enough for the sparse path."""
+    run = simulate(scene("tower", bodies=30), make_solver("lotstedt"), until=0.12)
+    return recording_of(run, "lotstedt")
+
+
+def test_sparse_costs_are_those_that_the_solver_counts() -> None:
+    links = sequence(tower_recording())
+    assert len(links) > 5 and all(goes_sparse(link.qp) for link in links)
+    always, third = drive(links, fixed(1)), drive(links, fixed(3))
+    entries = np.array([make_pattern(link.qp.A).Li.size for link in links])
+    # without changes of F all that differs are factorizations, each with its estimate, and CG
+    assert (always["working_set_changes"] == 0).all() and always["sparse"].all()
+    more_qr = always["qr_factorizations"] - third["qr_factorizations"]
+    more_cg = always["cg_iterations"] - third["cg_iterations"]
+    expected = more_qr * (always["C_QR"] + 8 * entries) + more_cg * always["C_IT"]
+    assert more_qr.sum() > 0 > more_cg.sum()
+    np.testing.assert_array_equal(always["flops"] - third["flops"], expected)
+
+
+def test_sparse_costs_can_be_counted_without_a_solve() -> None:
+    made = tower_recording()
+    links = sequence(made)
+    steps = drive(links, fixed(1))
+    for link, (_, row) in zip(links, steps.iterrows(), strict=True):
+        solution = made.solutions[link.place]
+        free = (solution.x > link.qp.lower) & (solution.x < link.qp.upper)
+        counted = sparse_costs(link.qp, free, make_pattern(link.qp.A))
+        assert counted == tuple(row[name] for name in counted._fields)
+        dense = dense_costs(counted.m, counted.f)
+        assert counted.C_QR < dense.C_QR / 100 and counted.C_IT < dense.C_IT
+    found = criterion_of(made)
+    assert found.sparse == 1.0 and found.calls == len(links)
+    assert (found.rows, found.free) == (90.0, 60.0)
+    assert pytest.approx(steps["C_QR"].mean()) == found.C_QR
