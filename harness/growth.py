@@ -3,7 +3,7 @@
 For each family of scenes and each number of bodies, smallest first:
 
 1. A short motion is recorded, `STEPS` steps of `STEP` seconds without error control, so that all
-   sizes are asked the same.  Beyond `SPARSE_FROM` columns A is stored sparse, which every package
+   sizes are asked the same.  Beyond `CROSSOVER` columns A is stored sparse, which every package
    that takes sparse matrices is faster with, and with a pattern that keeps (`whole_bodies`).
 2. It is replayed at accuracy `high` through the backends (`harness.replay`: interleaved passes,
    answers judged, the least time of each QP counts), each warm, or cold where it has no way of
@@ -52,7 +52,7 @@ SOLVERS = (
 """Who is tried where nobody is named, if it is installed."""
 STEPS, STEP = 8, 0.005
 """Steps of a sequence, and their length [s]."""
-SPARSE_FROM = 40
+CROSSOVER = 48
 """QPs of more columns are stored with a sparse A."""
 COORDINATES = 3
 """Of a body."""
@@ -146,8 +146,8 @@ def _kept(path: Path) -> Recording | None:
 
 
 def _stored(qp: ContactQP) -> ContactQP:
-    """The QP with A dense up to `SPARSE_FROM` columns and sparse beyond."""
-    return replace(qp, A=qp.dense_A if qp.k <= SPARSE_FROM else whole_bodies(qp.A))
+    """The QP with A dense up to `CROSSOVER` columns and sparse beyond."""
+    return replace(qp, A=qp.dense_A if qp.k <= CROSSOVER else whole_bodies(qp.A))
 
 
 def whole_bodies(A: Matrix) -> sp.csc_array:

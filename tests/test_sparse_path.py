@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from problems.qp import ContactQP, Vector
 from solvers import make_solver
-from solvers.active_set.method import SPARSE_FROM, Lotstedt
+from solvers.active_set.method import CROSSOVER, Lotstedt
 from solvers.active_set.sparse_cholesky import cholesky, inverse_norm, solve_L, solve_LT
 from solvers.active_set.sparse_pattern import contact_order, make_pattern
 from solvers.active_set.sparse_workspace import IN_L, SparseWorkspace, make_sparse_workspace
@@ -54,7 +54,7 @@ def contact_qp(rng: np.random.Generator, bodies: int, contacts: int) -> ContactQ
 
 def sparse_sizes() -> st.SearchStrategy[tuple[int, int, int]]:
     return st.tuples(
-        st.integers(0, 2**32 - 1), st.integers(3, 60), st.integers(SPARSE_FROM + 1, 150)
+        st.integers(0, 2**32 - 1), st.integers(3, 60), st.integers(CROSSOVER + 1, 150)
     )
 
 
@@ -179,7 +179,7 @@ def test_an_unchanged_matrix_needs_no_new_factor() -> None:
     assert last.memory is first.memory
 
 
-@pytest.mark.parametrize("order", [(50, 20), (20, 50)])
+@pytest.mark.parametrize("order", [(60, 20), (20, 60)])
 def test_memory_passes_between_the_paths(order: tuple[int, int]) -> None:
     """The working set goes on where a sequence grows or shrinks across the border."""
     qp = contact_qp(np.random.default_rng(5), 30, 60)

@@ -2,8 +2,8 @@
 
 Inner parts are exchangeable.  *Fresh*: A_F of today is factorized with its reflections, whenever F
 changes from the column that changes on; what small QPs use, and impulses.  *Old R*: the R of an
-earlier A_F, updated as columns come and go, preconditions conjugate gradients; what large QPs use.
-A solve that starts on an old R and cannot finish on it ends fresh.
+earlier A_F, updated as columns come and go, preconditions conjugate gradients; what large dense QPs
+use.  A solve that starts on an old R and cannot finish on it ends fresh.
 """
 
 from __future__ import annotations

@@ -66,7 +66,9 @@ class OSQP(PackageSolver):
         if carried is not None and same_pattern(carried.native.arrays[0], P):
             model = carried.native.object
             model.update_settings(**settings)
-            model.update(Px=P.data, q=q, l=lower, u=upper)
+            # P itself is not handed over again: that would factorize it again
+            matrix = {} if P is carried.native.arrays[0] else {"Px": P.data}
+            model.update(**matrix, q=q, l=lower, u=upper)
         else:
             model = osqp.OSQP()
             model.setup(*arrays, verbose=False, **settings)
