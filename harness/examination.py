@@ -1,7 +1,8 @@
 """All that is checked of the method besides its criterion, on a set of recordings.
 
 The estimates that it trusts (`harness.estimates`), the accuracy that (3.20) promises
-(`harness.accuracy`), and guessing the active set beside it (`harness.enumeration_growth`).
+(`harness.accuracy`), guessing the active set beside it (`harness.enumeration_growth`), and two ways
+to the minimum-norm multipliers (`harness.minimum_norm_ways`).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import pandas as pd
 from harness.accuracy import accuracy_of
 from harness.enumeration_growth import SIZES, randomly, recorded
 from harness.estimates import Estimates, estimates_of
+from harness.minimum_norm_ways import MinimumNormWays, minimum_norm_ways
 from harness.recording import Recording, read_recording
 
 Progress = Callable[[str, float, float], None]
@@ -28,11 +30,13 @@ class Examination:
     estimates : one per recording
     accuracy : the rows of `accuracy_of`, and the scene of each
     enumeration : the rows of `recorded` and `randomly`
+    minimum_norm : one per recording
     """
 
     estimates: Sequence[Estimates]
     accuracy: pd.DataFrame
     enumeration: pd.DataFrame
+    minimum_norm: Sequence[MinimumNormWays]
 
     @property
     def scenes(self) -> list[str]:
@@ -47,7 +51,7 @@ def examine(
     progress: Progress | None = None,
 ) -> Examination:
     """Check everything on these recordings; `sizes` are those of the random QPs."""
-    steps = 3 * len(recordings) + len(sizes)
+    steps = 4 * len(recordings) + len(sizes)
     done = 0
 
     def tell(what: str) -> None:
@@ -56,7 +60,7 @@ def examine(
             progress(what, done, steps)
         done += 1
 
-    estimates, accuracy, enumeration = [], [], []
+    estimates, accuracy, enumeration, minimum_norm = [], [], [], []
     for recording in recordings:
         tell(f"{recording.scene}: ‖R⁻¹‖ and ranks")
         estimates.append(estimates_of(recording))
@@ -64,11 +68,14 @@ def examine(
         accuracy.append(accuracy_of(recording).assign(scene=recording.scene))
         tell(f"{recording.scene}: enumeration")
         enumeration.append(recorded(recording))
+        tell(f"{recording.scene}: minimum norm")
+        minimum_norm.append(minimum_norm_ways(recording))
     enumeration.append(randomly(lambda k: tell(f"enumeration of {k} rows"), sizes))
     return Examination(
         estimates,
         pd.concat(accuracy, ignore_index=True),
         pd.concat(enumeration, ignore_index=True),
+        minimum_norm,
     )
 
 

@@ -1,7 +1,7 @@
 """What `glambda criterion` prints and writes: the tables and figures of the criterion.
 
 After them come the tables of what else of the method was examined: its estimates of norms and
-ranks, the accuracy that it reaches, and guessing the active set beside it.
+ranks, the accuracy that it reaches, guessing the active set beside it, and the ways to (4.8).
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from reports.criterion_estimates import (
 )
 from reports.criterion_figures import plot_growth, plot_sweep
 from reports.criterion_growth import age_table, growth_table, premise_table
+from reports.criterion_minimum_norm import minimum_norm_table
 from reports.criterion_sweep import costs_table, interval_table, regret_table, runs_table
 from reports.table import Table
 
@@ -53,6 +54,7 @@ def examination_tables(examination: Examination | None) -> list[Table]:
         accuracy_table(examination),
         directions_table(examination),
         enumeration_table(examination),
+        minimum_norm_table(examination),
     ]
 
 
