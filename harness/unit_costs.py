@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from problems.qp import ContactQP
 from solvers.active_set.flops import cg_iteration_flops, qr_flops
-from solvers.active_set.method import SPARSE_FROM
+from solvers.active_set.method import CROSSOVER
 from solvers.active_set.sparse_cholesky import cholesky
 from solvers.active_set.sparse_loop import FIRST_SHIFT, iteration_flops, lay_out
 from solvers.active_set.sparse_pattern import Pattern
@@ -46,7 +46,7 @@ class UnitCosts(NamedTuple):
 
 def goes_sparse(qp: ContactQP) -> bool:
     """Whether the method takes its sparse path."""
-    return qp.k > SPARSE_FROM and not isinstance(qp.A, np.ndarray)
+    return qp.k > CROSSOVER and not isinstance(qp.A, np.ndarray)
 
 
 def dense_costs(m: int, f: int) -> UnitCosts:
