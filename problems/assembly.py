@@ -79,6 +79,9 @@ def _scatter(m: int, bodies: Indices, entries: Vector) -> sp.csc_array:
 
 
 def scaled_columns(G: sp.csc_array, D: Vector) -> Matrix:
-    """A = D⁻ᵀ G, dense unless it is large."""
-    A = sp.csc_array(sp.dia_array((1 / D[None, :], [0]), shape=(D.size, D.size)) @ G)
+    """A = D⁻ᵀ G, dense unless it is large.
+
+    Entries that happen to be 0 stay in the pattern, which is that of the contact graph.
+    """
+    A = sp.csc_array((G.data / D[G.indices], G.indices, G.indptr), shape=G.shape)
     return A.toarray() if A.shape[0] * A.shape[1] <= DENSE_ENTRIES else A

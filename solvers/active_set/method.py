@@ -225,6 +225,7 @@ class Lotstedt(Solver):
         }.get(self.variant, 0)
         object.__setattr__(self, "_mode", mode)
         small = mode | TODAYS_QR
+        object.__setattr__(self, "_sparse", mode if self.variant else mode | EXTRAPOLATED)
         object.__setattr__(self, "_small", small if self.variant else small | SETTLED)
         object.__setattr__(self, "_crossover", crossover)
 
@@ -264,7 +265,7 @@ class Lotstedt(Solver):
     def _setup_sparse(
         self, problem: ContactQP, asked: float | None, start: Start | None
     ) -> SparseCall:
-        mode: int = self._mode  # type: ignore[attr-defined]
+        mode: int = self._sparse  # type: ignore[attr-defined]
         room, kept = sparse_room(problem.A, start)
         if mode & (CUSTOM | EXTRAPOLATED):
             self._hand_over_options(room, problem.t)

@@ -86,6 +86,7 @@ from solvers.active_set.workspace import (
     DIRECTIONS,
     DUE,
     FACTORIZATION_COST,
+    FACTORIZATION_FLOPS,
     FACTORIZATIONS,
     FLOPS,
     INTERVAL,
@@ -105,6 +106,9 @@ MANY = 20.0
 """Iterations on today's L beyond which the next shift is lower, by `LOWERED`, fewer where a new L
 costs less than they do; twice as many, and it is lowered at once."""
 LOWERED = 1e-2
+PER_ENTRY, PER_COLUMN = 25.0, 100.0
+"""What a factorization takes beside its flops, for each entry and column of L, in flops; measured.
+The online rule, which is about time, counts them, the paper's does not."""
 MOST_FACTORS = 8
 """Factorizations for one direction: an old L's place is taken, the shift lowered from first to
 least, and something to spare."""
@@ -118,18 +122,22 @@ def lay_out(pattern, data, d, lower, upper, Bx, S, m):
     """Columns of A in elimination order at length 1, bounds on z_c = ‖a_j‖ x_j."""
     Bp, order, indptr = pattern.Bp, pattern.order, pattern.indptr
     length, low, high, momentum = S[LENGTH], S[LOWER], S[UPPER], S[MOMENTUM]
-    for c in range(order.size):
-        j = order[c]
-        source, size = indptr[j] - Bp[c], 0.0
+    k, inverse = order.size, S[WORK]
+    for c in range(k):
+        source, size = indptr[order[c]] - Bp[c], 0.0
         for b in range(Bp[c], Bp[c + 1]):
             size += data[source + b] ** 2
-        unit = sqrt(size) if size > 0.0 else 1.0
-        inverse = 1.0 / unit
+        length[c] = size if size > 0.0 else 1.0
+    for c in range(k):
+        length[c] = sqrt(length[c])
+        inverse[c] = 1.0 / length[c]
+    for c in range(k):
+        j, scale = order[c], inverse[c]
+        source = indptr[j] - Bp[c]
         for b in range(Bp[c], Bp[c + 1]):
-            Bx[b] = inverse * data[source + b]
-        length[c] = unit
-        low[c] = unit * lower[j]
-        high[c] = unit * upper[j]
+            Bx[b] = scale * data[source + b]
+        low[c] = length[c] * lower[j]
+        high[c] = length[c] * upper[j]
     for i in range(m):
         momentum[i] = d[i]
 
@@ -224,7 +232,9 @@ def factorize(pattern, Bx, Lx, S, I, f):
         S[REALS, SHIFT] = FIRST_SHIFT
         I[COUNTS, FLOPS] += -1 - flops
         flops = cholesky(pattern, Bx, S, I, Lx, FIRST_SHIFT)
-    S[REALS, FACTORIZATION_COST] = max(flops, 1.0)
+    S[REALS, FACTORIZATION_FLOPS] = flops
+    k, entries = pattern.order.size, pattern.Li.size
+    S[REALS, FACTORIZATION_COST] = flops + PER_ENTRY * entries + PER_COLUMN * k
     S[REALS, INVERSE_NORM] = inverse_norm(pattern, S, Lx)
     I[COUNTS, AGE] = 0
     I[COUNTS, FACTORIZATIONS] += 1
@@ -255,8 +265,9 @@ def iteration_flops(pattern, f, m, plain):
 def conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, limit, plain):
     """Minimise ‖B_F p + r‖ over p, preconditioned by L Lᵀ, until ‖B_Fᵀ(B_F p + r)‖ ≤ tolerance.
 
-    p is left in row P, 0 outside F, and B_F p + r in row REMAINDER.  Returns the iterations made,
-    as a negative number, −1 − iterations, when `limit` of them were not enough.
+    Row GRADIENT holds Bᵀ r.  p is left in row P, 0 outside F, and B_F p + r in row REMAINDER.
+    Returns the iterations made, as a negative number, −1 − iterations, when `limit` of them were
+    not enough.
 
     With M⁻¹ = E (L Lᵀ)⁻¹ Eᵀ, E the rows of F, which is positive definite whatever columns L has:
     v = B_Fᵀ s, y = M⁻¹ v, q := −y + (vᵀy/vᵀy before) q, α = vᵀy/‖B_F q‖² (Björck and Elfving 1979).
@@ -264,7 +275,7 @@ def conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, limit, plain):
     Bp, Bi = pattern.Bp, pattern.Bi
     k = pattern.order.size
     s, w, p, v = S[REMAINDER], S[FRESH], S[P], S[V]
-    y, q, r, inside = S[Y], S[SEARCH], S[RESIDUAL], I[IN_F]
+    y, q, r, inside, gradient = S[Y], S[SEARCH], S[RESIDUAL], I[IN_F], S[GRADIENT]
     for i in range(m):
         s[i] = r[i]
     for c in range(k):
@@ -277,8 +288,11 @@ def conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, limit, plain):
         for c in range(k):
             along = 0.0
             if inside[c]:
-                for b in range(Bp[c], Bp[c + 1]):
-                    along += Bx[b] * s[Bi[b]]
+                if iterations == 0:
+                    along = gradient[c]
+                else:
+                    for b in range(Bp[c], Bp[c + 1]):
+                        along += Bx[b] * s[Bi[b]]
             v[c] = along
             y[c] = along
             slope += along * along
@@ -331,7 +345,7 @@ def direction(pattern, Bx, Lx, S, I, m, f, tolerance, mode):
         C_IT = iteration_flops(pattern, f, m, plain)
         C_QR = S[REALS, FACTORIZATION_COST]
         many = min(MANY, 2.0 + 2.0 * PRICE * C_QR / C_IT)
-        limit = ceil(sqrt(2.0 * C_QR / C_IT))
+        limit = ceil(sqrt(2.0 * S[REALS, FACTORIZATION_FLOPS] / C_IT))
         if mode & ONLINE:
             limit = iterations_worth(S[REALS], C_QR, C_IT)
         if mode & CUSTOM and S[REALS, CG_LIMIT] >= 0:

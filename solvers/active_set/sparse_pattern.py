@@ -50,7 +50,18 @@ class Pattern(NamedTuple):
 
     def fits(self, A: sp.csc_array) -> bool:
         """Whether A has this pattern."""
-        return np.array_equal(A.indptr, self.indptr) and np.array_equal(A.indices, self.indices)
+        return same(self.indptr, A.indptr) and same(self.indices, A.indices)
+
+
+@kernel
+def same(kept, given):
+    """Whether two arrays hold the same numbers."""
+    if kept.size != given.size:
+        return False
+    differ = 0
+    for i in range(kept.size):
+        differ |= kept[i] ^ given[i]
+    return differ == 0
 
 
 def make_pattern(A: sp.csc_array) -> Pattern:

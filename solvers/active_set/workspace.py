@@ -35,6 +35,7 @@ N_INT_ROWS = 9
 INVERSE_NORM, GROWN_NORM, WRONG, CG_LIMIT, SHIFT = range(5)
 STEPS, SPENT, FACTORIZATION_COST, PATIENCE, YOUNG = range(5, 10)  # of the online rule
 TIME, LAST_TIME, TIME_BEFORE = range(10, 13)  # of this QP, and of rows X and BEFORE
+FACTORIZATION_FLOPS = 13
 # entries of row COUNTS: what is remembered …
 OLD_K, OLD_ORDER, AGE, ORDER, STATUS = range(5)
 # … and what is counted, in the order of `WorkCounts`
