@@ -32,6 +32,8 @@ from problems.sequence import QPSequence
 
 RANK_TOL = 1e-10
 """Diagonal entries of R below this fraction of the first count as 0."""
+SAME_FORCE = 1e-9
+"""Change of A λ, relative, beyond which a minimum-norm λ is not taken."""
 ACCURACY = 1e-12
 """Accuracy asked of the least-squares residual, whose last entry is at least ½."""
 SAFE_FRACTION = 1e-6
@@ -99,28 +101,33 @@ def minimum_norm(qps: QPSequence, qp: ContactQP, x: Vector, coulomb: sp.csr_arra
     """
     if surely_independent(qp.A):
         return x
-    Q2 = null_space(qp.dense_A)
-    if Q2.shape[1] == 0:
-        return x
-    size = float(np.linalg.norm(x))
-    if size == 0.0:
-        return x
+    movable = qp.lower < qp.upper  # fixed rows would be two opposite inequalities
     x = np.clip(x, qp.lower, qp.upper)
-    particular = x - Q2 @ (Q2.T @ x)
-    below, above = np.isfinite(qp.lower), np.isfinite(qp.upper)
-    identity = np.eye(qp.k)
+    Q2 = null_space(qp.dense_A[:, movable])
+    size = float(np.linalg.norm(x[movable]))
+    if Q2.shape[1] == 0 or size == 0.0:
+        return x
+    lower, upper = qp.lower[movable], qp.upper[movable]
+    particular = x[movable] - Q2 @ (Q2.T @ x[movable])
+    below, above = np.isfinite(lower), np.isfinite(upper)
+    identity = np.eye(lower.size)
     bound_rows = np.vstack([identity[below], -identity[above]])
-    bound_values = np.concatenate([qp.lower[below], -qp.upper[above]])
+    bound_values = np.concatenate([lower[below], -upper[above]])
     rows, values = bound_rows, bound_values
     if coulomb is not None and coulomb.shape[0]:
-        rows = np.vstack([bound_rows, coulomb.toarray()])
-        values = np.concatenate([bound_values, np.zeros(coulomb.shape[0])])
+        C = coulomb.toarray()
+        rows = np.vstack([bound_rows, C[:, movable]])
+        values = np.concatenate([bound_values, -C[:, ~movable] @ x[~movable]])
     z = _least_distance(qps, qp, Q2, particular, rows, values, size)
     if z is None and rows is not bound_rows:
         z = _least_distance(qps, qp, Q2, particular, bound_rows, bound_values, size)
     if z is None:
         return x
-    return np.clip(particular + Q2 @ z, qp.lower, qp.upper)
+    least = x.copy()
+    least[movable] = np.clip(particular + Q2 @ z, lower, upper)
+    # where the inequalities have almost no room, z is a quotient of small numbers
+    moved = float(np.linalg.norm(qp.A @ (least - x)))
+    return least if moved <= SAME_FORCE * float(np.linalg.norm(qp.A @ x)) else x
 
 
 def _least_distance(

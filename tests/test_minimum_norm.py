@@ -133,3 +133,29 @@ def test_full_rank_needs_no_qp():
     qp = ContactQP(np.eye(3), -np.ones(3), np.zeros(3), np.full(3, np.inf))
     np.testing.assert_array_equal(minimum_norm(qps, qp, np.ones(3), None), np.ones(3))
     assert not qps.qps
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_fixed_rows_stay_and_the_others_share_the_load(seed):
+    """Each column stands twice; of the last pair one is fixed, so that its twin keeps its part."""
+    rng = np.random.default_rng(seed)
+    half = rng.normal(size=(9, 4))
+    lower, upper = np.zeros(8), np.full(8, np.inf)
+    lower[7] = upper[7] = 0.3
+    x = rng.uniform(1, 2, 8)
+    x[7] = 0.3
+    qp = ContactQP(np.hstack([half, half]), rng.normal(size=9), lower, upper)
+    least = minimum_norm(sequence(), qp, x, None)
+    shared = (x[:3] + x[4:7]) / 2
+    np.testing.assert_allclose(least, [*shared, x[3], *shared, 0.3], rtol=1e-10)
+
+
+def test_a_least_norm_that_changes_the_force_is_not_taken():
+    """Two opposite rows that leave no room but rounding: whatever comes of it, A λ stays."""
+    A = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 1.0 + 1e-9], [0.0, 0.0, 0.0]])
+    lower = np.array([0.0, 0.0, 0.1 - 1e-16])
+    upper = np.array([np.inf, np.inf, 0.1 + 1e-16])
+    qp = ContactQP(A, np.ones(3), lower, upper)
+    x = np.array([1.0, 2.0, 0.1])
+    least = minimum_norm(sequence(), qp, x, None)
+    np.testing.assert_allclose(qp.A @ least, qp.A @ x, rtol=1e-9)
