@@ -64,11 +64,6 @@ def solvers_table(described: Sequence[SolverInfo]) -> Table:
     )
 
 
-def _share(part: int, whole: int) -> str:
-    """A part of a whole in numbers and per cent."""
-    return f"{part} of {whole} ({part / whole:.0%})" if whole else "not determined"
-
-
 def print_recording(console: Console, recording: Recording, path: str) -> None:
     """What a recording holds."""
     from harness.cost_model import criterion_of
@@ -103,7 +98,7 @@ def print_recording(console: Console, recording: Recording, path: str) -> None:
         sizes = [(qp.m, qp.k) for qp in qps]
         lines += [
             ("sizes", f"m ≤ {max(m for m, _ in sizes)}, k ≤ {max(k for _, k in sizes)}"),
-            ("rank deficient", _share(deficient, len(ranked))),
+            ("rank deficient", f"{deficient} of {len(ranked)} ({_share(deficient, len(ranked))})"),
             ("references", f"{referenced} of {len(qps)} accepted"),
             (
                 "criterion",
