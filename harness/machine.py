@@ -31,6 +31,10 @@ def machine_label() -> str:
     )
 
 
+SHARED = ("forms.py", "inner_options.py")
+"""Modules beside an adapter that it may rest on."""
+
+
 def machine() -> dict[str, str]:
     """Processor, usable cores, operating system, Python and the thread limit in force."""
     return {
@@ -57,8 +61,10 @@ def solver_version(name: str) -> str:
     module = sys.modules[cls.__module__]
     file = Path(str(module.__file__))
     package = cls.package or "glambda"
-    # A method of our own is its whole folder; an adapter is its file.
-    sources = sorted(file.parent.glob("*.py")) if not cls.package else [file]
+    # A method of our own is its whole folder; an adapter is its file and what adapters share.
+    shared = [file.with_name(name) for name in SHARED]
+    sources = [file, *shared] if cls.package else list(file.parent.glob("*.py"))
+    sources = [source for source in sources if source.exists()]
     return f"{package} {metadata.version(package)} (source {source_hash(sources)})"
 
 
