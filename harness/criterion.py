@@ -15,7 +15,8 @@ it be factorized?  The rules that are compared:
     fitted          as paper, with the threshold c s*^r of the fitted c and r
     online          when the average cost since the last factorization stops falling, with no
                     assumption on c and r (`solvers.active_set.online_rule`)
-    as shipped      the solver's default: A_F of today up to some tens of columns, else online
+    as shipped      the solver's default: A_F of today up to some tens of columns; beyond, online,
+                    with x extrapolated
 
 What is done, for one recording:
 

@@ -1,14 +1,15 @@
 """All that is checked of the method besides its criterion, on a set of recordings.
 
 The estimates that it trusts (`harness.estimates`), the accuracy that (3.20) promises
-(`harness.accuracy`), guessing the active set beside it (`harness.enumeration_growth`), and two ways
-to the minimum-norm multipliers (`harness.minimum_norm_ways`).
+(`harness.accuracy`), guessing the active set beside it (`harness.enumeration_growth`), two ways
+to the minimum-norm multipliers (`harness.minimum_norm_ways`), and what other packages can keep from
+QP to QP (`harness.kept_factors`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import pandas as pd
@@ -16,6 +17,7 @@ import pandas as pd
 from harness.accuracy import accuracy_of
 from harness.enumeration_growth import SIZES, randomly, recorded
 from harness.estimates import Estimates, estimates_of
+from harness.kept_factors import kept_factors, no_runs
 from harness.minimum_norm_ways import MinimumNormWays, minimum_norm_ways
 from harness.recording import Recording, read_recording
 
@@ -31,12 +33,14 @@ class Examination:
     accuracy : the rows of `accuracy_of`, and the scene of each
     enumeration : the rows of `recorded` and `randomly`
     minimum_norm : one per recording
+    kept : the rows of `kept_factors`
     """
 
     estimates: Sequence[Estimates]
     accuracy: pd.DataFrame
     enumeration: pd.DataFrame
     minimum_norm: Sequence[MinimumNormWays]
+    kept: pd.DataFrame = field(default_factory=no_runs)
 
     @property
     def scenes(self) -> list[str]:
@@ -51,7 +55,7 @@ def examine(
     progress: Progress | None = None,
 ) -> Examination:
     """Check everything on these recordings; `sizes` are those of the random QPs."""
-    steps = 4 * len(recordings) + len(sizes)
+    steps = 5 * len(recordings) + len(sizes)
     done = 0
 
     def tell(what: str) -> None:
@@ -60,7 +64,7 @@ def examine(
             progress(what, done, steps)
         done += 1
 
-    estimates, accuracy, enumeration, minimum_norm = [], [], [], []
+    estimates, accuracy, enumeration, minimum_norm, kept = [], [], [], [], []
     for recording in recordings:
         tell(f"{recording.scene}: ‖R⁻¹‖ and ranks")
         estimates.append(estimates_of(recording))
@@ -70,12 +74,15 @@ def examine(
         enumeration.append(recorded(recording))
         tell(f"{recording.scene}: minimum norm")
         minimum_norm.append(minimum_norm_ways(recording))
+        tell(f"{recording.scene}: what packages can keep")
+        kept.append(kept_factors(recording))
     enumeration.append(randomly(lambda k: tell(f"enumeration of {k} rows"), sizes))
     return Examination(
         estimates,
         pd.concat(accuracy, ignore_index=True),
         pd.concat(enumeration, ignore_index=True),
         minimum_norm,
+        pd.concat(kept, ignore_index=True),
     )
 
 

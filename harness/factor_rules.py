@@ -102,7 +102,7 @@ def online() -> Rule:
 
 
 def as_shipped() -> Rule:
-    """The solver's default: today's A_F where it is small, else as online."""
+    """The solver's default: today's A_F where it is small, else online, with x extrapolated."""
     return Rule("as shipped")
 
 

@@ -28,7 +28,7 @@ from solvers.active_set.sparse_workspace import (
     SparseWorkspace,
     make_sparse_workspace,
 )
-from solvers.active_set.workspace import FACTORIZATION_COST
+from solvers.active_set.workspace import FACTORIZATION_FLOPS
 
 
 class UnitCosts(NamedTuple):
@@ -68,7 +68,7 @@ def costs_counted(memory: Any, m: int, f: int) -> UnitCosts:
     """By what a solve left in its memory, with f free columns of A (m, k)."""
     if not isinstance(memory, SparseWorkspace):
         return dense_costs(m, f)
-    C_QR = float(memory.S[REALS, FACTORIZATION_COST])
+    C_QR = float(memory.S[REALS, FACTORIZATION_FLOPS])
     return UnitCosts(m, f, C_QR, _iteration(memory.pattern, f, m), True)
 
 

@@ -47,14 +47,14 @@ def plot_sweep(measured: Sequence[Measurement], path: str | Path) -> Path:
     Costs are relative to the best fixed interval, in operations (dark) and in time (light).
     """
     with drawing() as Figure:
-        figure, panels = _panels(Figure, measured, legend=0.62)
+        figure, panels = panels_of(Figure, len(measured), legend=0.62)
         for axes, one in zip(panels, measured, strict=True):
             _sweep_panel(axes, one)
         for place, axes in enumerate(panels):
             if place % COLUMNS == 0:
                 axes.set_ylabel("cost per QP / best")
             axes.set_xlabel("QPs per factorization")
-        _legend(figure, panels)
+        legend_below(figure, panels)
         return save(figure, Path(path))
 
 
@@ -136,14 +136,14 @@ def _model(axes: Axes, one: Measurement) -> None:
 def plot_growth(measured: Sequence[Measurement], path: str | Path) -> Path:
     """Iterations per QP against the age of R, with the fit, and how the bound from κ grows."""
     with drawing() as Figure:
-        figure, panels = _panels(Figure, measured, legend=0.42)
+        figure, panels = panels_of(Figure, len(measured), legend=0.42)
         for axes, one in zip(panels, measured, strict=True):
             _growth_panel(axes, one)
         for place, axes in enumerate(panels):
             if place % COLUMNS == 0:
                 axes.set_ylabel("CG iterations per QP")
             axes.set_xlabel("QPs since the factorization, s")
-        _legend(figure, panels)
+        legend_below(figure, panels)
         return save(figure, Path(path))
 
 
@@ -215,17 +215,15 @@ def _interval_axis(axes: Axes) -> None:
     axes.grid(axis="y")
 
 
-def _panels(
-    Figure: type[Figure], measured: Sequence[Measurement], legend: float
-) -> tuple[Figure, list[Axes]]:
-    """A figure with one panel per recording, `legend` inches left free at the bottom."""
-    rows = ceil(len(measured) / COLUMNS)
+def panels_of(Figure: type[Figure], count: int, legend: float) -> tuple[Figure, list[Axes]]:
+    """A figure with so many panels, `legend` inches left free at the bottom."""
+    rows = ceil(count / COLUMNS)
     height = rows * PANEL_HEIGHT + legend
     figure = Figure(figsize=(PAGE_WIDTH, height))
     left, gap, right = 0.55, 0.5, 0.1
     width = (PAGE_WIDTH - left - right - (COLUMNS - 1) * gap) / COLUMNS
     panels = []
-    for place in range(len(measured)):
+    for place in range(count):
         row, column = divmod(place, COLUMNS)
         x, y = left + column * (width + gap), height - (row + 1) * PANEL_HEIGHT + 0.42
         panels.append(
@@ -236,7 +234,7 @@ def _panels(
     return figure, panels
 
 
-def _legend(figure: Figure, panels: Sequence[Axes]) -> None:
+def legend_below(figure: Figure, panels: Sequence[Axes]) -> None:
     """One legend for all panels, at the bottom."""
     found: dict[str, Any] = {}
     for axes in panels:

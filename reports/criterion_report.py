@@ -1,12 +1,13 @@
 """What `glambda criterion` prints and writes: the tables and figures of the criterion.
 
 After them come the tables of what else of the method was examined: its estimates of norms and
-ranks, the accuracy that it reaches, guessing the active set beside it, and the ways to (4.8).
+ranks, the accuracy that it reaches, guessing the active set beside it, the ways to (4.8), and
+what other packages can keep from QP to QP.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -25,6 +26,7 @@ from reports.criterion_estimates import (
 )
 from reports.criterion_figures import plot_growth, plot_sweep
 from reports.criterion_growth import age_table, growth_table, premise_table
+from reports.criterion_kept import kept_factors_table, kept_runs_table, plot_kept
 from reports.criterion_minimum_norm import minimum_norm_table
 from reports.criterion_sweep import costs_table, interval_table, regret_table, runs_table
 from reports.table import Table
@@ -55,6 +57,7 @@ def examination_tables(examination: Examination | None) -> list[Table]:
         directions_table(examination),
         enumeration_table(examination),
         minimum_norm_table(examination),
+        kept_factors_table(examination.kept),
     ]
 
 
@@ -77,17 +80,37 @@ def write_criterion(
     """Write criterion.md, the figures, one CSV per table and one of every run; return the page."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    parts = ["# When to refactorize\n"]
-    for name, caption, plot in (
-        ("criterion_sweep", "Cost per QP against the interval between factorizations", plot_sweep),
-        ("criterion_growth", "Conjugate gradient iterations against the age of R", plot_growth),
-    ):
-        for suffix in (".svg", ".png"):
-            plot(measured, folder / f"{name}{suffix}")
-        parts.append(f"![{caption}]({name}.png)\n")
     tables = [*tables_of(measured), *examination_tables(examination)]
+    runs = [runs_table(measured)]
+    figures: list[tuple[str, str, Callable[[Path], Path]]] = [
+        (
+            "criterion_sweep",
+            "Cost per QP against the interval between factorizations",
+            lambda path: plot_sweep(measured, path),
+        ),
+        (
+            "criterion_growth",
+            "Conjugate gradient iterations against the age of R",
+            lambda path: plot_growth(measured, path),
+        ),
+    ]
+    if examination is not None and len(examination.kept):
+        kept = examination.kept
+        runs.append(kept_runs_table(kept))
+        figures.append(
+            (
+                "criterion_kept",
+                "Time per QP of other packages against the interval between renewals",
+                lambda path: plot_kept(kept, path),
+            )
+        )
+    parts = ["# When to refactorize\n"]
+    for name, caption, plot in figures:
+        for suffix in (".svg", ".png"):
+            plot(folder / f"{name}{suffix}")
+        parts.append(f"![{caption}]({name}.png)\n")
     parts += [table.to_markdown() for table in tables]
-    for table in (*tables, runs_table(measured)):
+    for table in (*tables, *runs):
         (folder / f"{table.name}.csv").write_text(table.to_csv(), encoding="utf-8")
     page = folder / "criterion.md"
     page.write_text("\n".join(parts), encoding="utf-8")

@@ -119,7 +119,7 @@ def interval_table(measured: Sequence[Measurement]) -> Table:
             "on average, restarts included."
         ),
         data=data,
-        formats=dict.fromkeys(data.columns[1:], _interval),
+        formats=dict.fromkeys(data.columns[1:], interval_text),
         notes=_interval_notes(data),
     )
 
@@ -165,7 +165,7 @@ def regret_table(measured: Sequence[Measurement], column: str) -> Table:
         ),
         data=pd.DataFrame(rows),
         formats={
-            "best s": _interval,
+            "best s": interval_text,
             "cost": microseconds if timed else whole,
             **{HEADS.get(rule, rule): signed_percent for rule in RULES},
         },
@@ -260,7 +260,7 @@ def _run_row(one: Measurement, name: str, run: Run) -> dict[str, Any]:
     }
 
 
-def _interval(value: Any) -> str:
+def interval_text(value: Any) -> str:
     """A number of QPs; ∞ is never."""
     return "never" if value == inf else short(value)
 

@@ -261,10 +261,8 @@ def test_a_sparse_recording_is_measured_by_the_costs_of_its_own_path() -> None:
     assert found is not None and found.criterion.sparse == 1.0
     always = found.rules["always"].steps[found.counted]
     assert pytest.approx(always["C_QR"].mean()) == found.criterion.C_QR
-    assert (
-        qr_flops(int(found.criterion.rows), int(found.criterion.free)) / 10 > found.criterion.C_QR
-    )
-    assert found.rules["as shipped"].cost == found.rules["online"].cost
+    dense = qr_flops(int(found.criterion.rows), int(found.criterion.free))
+    assert 0 < found.criterion.C_QR < dense / 10
     # F may hold more columns than are independent; κ is told all the same
     assert found.criterion.free > 0.9 * found.criterion.rows
     assert len(found.drift) >= 3 and (found.drift["condition"] >= 1.0).all()
