@@ -1,5 +1,5 @@
 # make study   simulate, record, replay and report the four scenes: results/report/index.html
-# make publish study, and its report into reports/published
+# make publish study, criterion and growth, and what they report into reports/published
 # make growth  time per QP against its size, up to 20,000 columns: results/growth/growth.md
 # make bench   work counts against the committed baseline, then times as ratios
 # make test    all tests
@@ -18,10 +18,17 @@ study: $(INSTALLED)
 quick: $(INSTALLED)
 	$(BIN)/glambda study --quick
 
-publish: study
+publish: study growth
 	rm -rf reports/published
 	$(BIN)/glambda report results -o reports/published
-	rm reports/published/figures/*.svg
+	$(BIN)/glambda record tower --set bodies=150 --until 0.3 -o results/families
+	$(BIN)/glambda record wall --set bodies=200 --until 0.3 -o results/families
+	$(BIN)/glambda record wall --set bodies=12 --set mu=0.3 --until 0.1 -o results/families
+	$(BIN)/glambda criterion results/recordings/*.h5 results/families/*.h5 \
+	  -o reports/published/criterion
+	mkdir reports/published/growth
+	cp results/growth/growth* reports/published/growth
+	find reports/published -name '*.svg' -delete
 
 growth: $(INSTALLED)
 	$(BIN)/glambda growth -o results/growth

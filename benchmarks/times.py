@@ -25,7 +25,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import pickle
 import subprocess
 import sys
 import tempfile
@@ -35,6 +34,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 
 ROOT = Path(__file__).resolve().parents[1]
 SEQUENCES = (
@@ -43,6 +43,7 @@ SEQUENCES = (
 )
 PEERS = ("daqp", "quadprog", "proxqp", "piqp", "highs", "clarabel", "scipy_bvls")
 """Who stands against `lotstedt`, and against it once more, where nobody is named."""
+PARTS = ("data", "indices", "indptr")
 FIELDS = ("d", "lower", "upper", "row_id", "kind", "restart", "eps0")
 
 
@@ -100,7 +101,7 @@ def contest(name: str, setting: str, sequences: Path) -> None:
     answer = sys.stdout
     sys.stdout = sys.stderr  # what a backend prints is no answer
     posed = {}
-    for label, stored in pickle.loads(sequences.read_bytes()).items():
+    for label, stored in read_sequences(sequences).items():
         qps = [ContactQP(**arrays) for arrays in stored]
         if setting == "high":
             qps = [qp.with_accuracy(facts_of(qp).asked("high")) for qp in qps]
@@ -120,14 +121,39 @@ def write_sequences(labels: Sequence[str], path: Path) -> None:
     from problems import scene, simulate
     from solvers import make_solver
 
-    kept = {}
+    kept: dict[str, Any] = {}
     for label in labels:
         name, parameters = parse_label(label)
         run = simulate(scene(name, **parameters), make_solver("velocity"))
-        kept[label] = [
-            {"A": qp.A, **{name: getattr(qp, name) for name in FIELDS}} for qp in run.qps
-        ]
-    path.write_bytes(pickle.dumps(kept))
+        for number, qp in enumerate(run.qps):
+            where = f"{label}/{number}"
+            A = sp.csc_array(qp.A)
+            kept[f"{where}/dense"] = not sp.issparse(qp.A)
+            kept[f"{where}/shape"] = np.array(A.shape)
+            for name in PARTS:
+                kept[f"{where}/{name}"] = getattr(A, name)
+            for name in FIELDS:
+                kept[f"{where}/{name}"] = getattr(qp, name)
+    np.savez(path, **kept)
+
+
+def read_sequences(path: Path) -> dict[str, list[dict[str, Any]]]:
+    """What `write_sequences` wrote: for each label the fields of its QPs."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    with np.load(path) as arrays:
+        for key in arrays.files:
+            label, number, name = key.split("/")
+            qps = found.setdefault(label, [])
+            if int(number) == len(qps):
+                qps.append({})
+            value = arrays[key]
+            qps[int(number)][name] = value if value.ndim else value.item()
+    for qps in found.values():
+        for fields in qps:
+            parts = tuple(fields.pop(name) for name in PARTS)
+            A = sp.csc_array(parts, shape=tuple(fields.pop("shape")))
+            fields["A"] = A.toarray() if fields.pop("dense") else A
+    return found
 
 
 def ratios(
@@ -158,7 +184,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     rows = []
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
-        stored = Path(folder) / "sequences"
+        stored = Path(folder) / "sequences.npz"
         write_sequences(chosen.sequences, stored)
         try:
             playing = [
