@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from harness.cost_model import cost_per_call
-from harness.criterion import Measurement
+from harness.criterion import Measurement, Run
 from reports.style import (
     BLUE,
     FAINT,
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 NEVER_AT = 200.0
 """Where the interval ∞ stands on a logarithmic axis that ends at 100."""
 TICKS = (1, 2, 5, 10, 20, 50, 100)
-WIDE = 2.5
+WIDE = 4.0
 """Costs that span more than this factor stand on a logarithmic axis."""
 COLUMNS = 2
 """Panels beside each other."""
@@ -98,12 +98,17 @@ def _sweep_panel(axes: Axes, one: Measurement) -> None:
         ("online", "*", ORANGE, 11),
     ):
         run = one.rules[name]
-        never = not (run.steps["age"] == 0)[run.steps["counted"]].any()
         axes.plot(
-            [NEVER_AT if never else run.cycle], [run.cost / best.cost], marker=marker,
+            [_cycle_place(run)], [run.cost / best.cost], marker=marker,
             color=colour, markersize=size, linestyle="none", markeredgecolor=INK,
             markeredgewidth=0.5, zorder=5, label=f"rule: {name}",
         )  # fmt: skip
+    online = one.rules["online"]
+    axes.plot(
+        [_cycle_place(online)], [online.time / one.best("runtime").time], marker="*", color=FAINT,
+        markersize=9, linestyle="none", markeredgecolor=SOFT, markeredgewidth=0.5, zorder=4,
+        label="online, in time",
+    )  # fmt: skip
     axes.axhline(1.0, color=SOFT, linewidth=0.5, zorder=0)
     _interval_axis(axes)
     axes.set_title(one.scene)
@@ -202,6 +207,12 @@ def _place(interval: float | None) -> float:
     """Position of an interval on the axis."""
     assert interval is not None
     return NEVER_AT if interval == inf or interval > 150 or not isfinite(interval) else interval
+
+
+def _cycle_place(run: Run) -> float:
+    """Position of the mean interval of a rule."""
+    never = not (run.steps["age"] == 0)[run.steps["counted"]].any()
+    return NEVER_AT if never else run.cycle
 
 
 def _interval_axis(axes: Axes) -> None:

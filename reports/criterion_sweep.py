@@ -160,8 +160,8 @@ def regret_table(measured: Sequence[Measurement], column: str) -> Table:
             "fixed interval.  exact factorizes every QP and, where A is dense, needs no conjugate "
             "gradients; always does with them; paper gives conjugate gradients up in the middle of "
             "a QP; deferred finishes the QP and factorizes the next; fitted has the threshold of "
-            "the fitted c and r; online stops when the average cost stops falling; shipped is the "
-            "default of the solver."
+            "the fitted c and r; online stops when the average cost stops falling, and prices a "
+            "factorization by its time; shipped is the default of the solver."
         ),
         data=pd.DataFrame(rows),
         formats={
