@@ -173,7 +173,6 @@ def test_what_was_remembered_of_a_useless_r_fades() -> None:
     assert account.counts[CAP] == 3 and account.reals[PATIENCE] == 2.0
     for _ in range(2):
         account.qp(True, 1.0)
-    assert account.counts[CAP] == 0
     for _ in range(20):
         assert not account.qp(False, 1.0)
     assert account.reals[PATIENCE] == 1.0
