@@ -144,10 +144,6 @@ def test_after_giving_up_the_next_r_is_replaced_before_it_gets_as_old() -> None:
     assert [account.qp(False, 1.0) for _ in range(3)] == [False, False, True]
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="patience falls off while an older R is tried, before it has got past the useless age",
-)
 def test_an_older_r_is_tried_again_after_more_and_more_cycles() -> None:
     """Each R is useless from age 4 on: given up there, or replaced before."""
     account = Account(1e6)

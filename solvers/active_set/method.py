@@ -212,7 +212,7 @@ class Lotstedt(Solver):
         custom = self.interval > 0 or self.cg_limit is not None
         if custom or self.variant in ("old_r", "online", "extrapolated", "plain_cg"):
             crossover = -1
-        if self.variant in ("", "online"):
+        if self.variant == "online" or not (self.variant or custom):
             mode |= ONLINE
         if custom or self.iteration_limit is not None:
             mode |= CUSTOM

@@ -98,12 +98,12 @@ def keep_account(counts, reals, factorized, given_up, iteration_cost, directions
             marginal = 0.0  # what the R before it cost is not this one's
         elif counts[CAP] > 0:
             counts[CYCLES] += 1
-            if counts[CYCLES] >= reals[PATIENCE]:
-                counts[CAP] = 0
-    elif counts[CAP] == 0 and counts[AGE] > 1:
-        reals[PATIENCE] = max(1.0, reals[PATIENCE] - 1.0)
+    elif counts[CAP] > 0 and counts[AGE] > counts[CAP]:  # older than the one that was useless
+        counts[CAP] = 0
+        reals[PATIENCE] = max(1.0, 0.5 * reals[PATIENCE])
     reals[STEPS] += 1.0
     reals[SPENT] += marginal
     average_rises = marginal * reals[STEPS] > PRICE * reals[FACTORIZATION_COST] + reals[SPENT]
-    too_old = counts[CAP] > 0 and counts[AGE] + 1 >= counts[CAP]
+    resting = counts[CAP] > 0 and counts[CYCLES] < reals[PATIENCE]
+    too_old = resting and counts[AGE] + 1 >= counts[CAP]
     counts[DUE] = 1 if average_rises or too_old else 0

@@ -106,7 +106,7 @@ MANY = 20.0
 """Iterations on today's L beyond which the next shift is lower, by `LOWERED`, fewer where a new L
 costs less than they do; twice as many, and it is lowered at once."""
 LOWERED = 1e-2
-PER_ENTRY, PER_COLUMN = 25.0, 100.0
+PER_ENTRY, PER_COLUMN = 12.0, 50.0
 """What a factorization takes beside its flops, for each entry and column of L, in flops; measured.
 The online rule, which is about time, counts them, the paper's does not."""
 MOST_FACTORS = 8
