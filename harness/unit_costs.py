@@ -22,13 +22,8 @@ from solvers.active_set.method import CROSSOVER
 from solvers.active_set.sparse_cholesky import cholesky
 from solvers.active_set.sparse_loop import FIRST_SHIFT, iteration_flops, lay_out
 from solvers.active_set.sparse_pattern import Pattern
-from solvers.active_set.sparse_workspace import (
-    IN_L,
-    REALS,
-    SparseWorkspace,
-    make_sparse_workspace,
-)
-from solvers.active_set.workspace import FACTORIZATION_FLOPS
+from solvers.active_set.sparse_workspace import IN_L, SparseWorkspace, make_sparse_workspace
+from solvers.active_set.workspace import FACTORIZATION_FLOPS, REALS
 
 
 class UnitCosts(NamedTuple):

@@ -59,8 +59,6 @@ import numpy as np
 import scipy.sparse as sp
 
 from problems.qp import ContactQP, Status, WorkCounts
-from solvers.active_set import sparse_workspace as sparse
-from solvers.active_set import workspace as dense
 from solvers.active_set.compiled import entry
 from solvers.active_set.loop import (
     CUSTOM,
@@ -86,14 +84,19 @@ from solvers.active_set.workspace import (
     DIRECTIONS,
     FLOPS,
     INTERVAL,
+    MEMBER,
     OLD_K,
+    OLD_MEMBER,
     OLD_ORDER,
+    OLD_ROW,
     ORDER,
     PASSES,
+    REALS,
     STATUS,
     TIME,
     WRONG,
     Workspace,
+    X,
     make_workspace,
 )
 from solvers.base import Answer, Form, Solver, Start
@@ -134,19 +137,13 @@ class SparseCall(NamedTuple):
     room: SparseWorkspace
 
 
-def rows_of(room: Workspace | SparseWorkspace) -> Any:
-    """The module that names the rows of this workspace."""
-    return dense if isinstance(room, Workspace) else sparse
-
-
 def remember(room: Workspace | SparseWorkspace, start: Start) -> None:
     """Make `room` as if the solution of `start`, which is not from such a room, had been there."""
     k = start.x.size
-    rows = rows_of(room)
     room.I[COUNTS, [OLD_K, OLD_ORDER, AGE]] = k, -1, 0
-    room.I[rows.OLD_ROW, :k] = start.previous
-    room.I[rows.OLD_MEMBER, :k] = start.working_set
-    room.S[rows.X, :k] = start.x
+    room.I[OLD_ROW, :k] = start.previous
+    room.I[OLD_MEMBER, :k] = start.working_set
+    room.S[X, :k] = start.x
 
 
 def dense_room(m: int, k: int, start: Start) -> Workspace:
@@ -279,7 +276,7 @@ class Lotstedt(Solver):
         )
 
     def _hand_over_options(self, room: Workspace | SparseWorkspace, t: float) -> None:
-        limit, reals = self.iteration_limit, room.S[rows_of(room).REALS]
+        limit, reals = self.iteration_limit, room.S[REALS]
         reals[TIME] = t
         room.I[COUNTS, PASSES] = -1 if limit is None else limit
         room.I[COUNTS, INTERVAL] = self.interval
@@ -299,21 +296,21 @@ class Lotstedt(Solver):
         else:
             S, I = native[5:7]
             room = Workspace(S, I, S.shape[1])
-        S, I, rows = room.S, room.I, rows_of(room)
+        S, I = room.S, room.I
         counts = I[COUNTS].tolist()
         work = WorkCounts(*counts[DIRECTIONS : FLOPS + 1])
         status = STATUSES.get(counts[STATUS], Status.ITERATION_LIMIT)
         complaint = ""
         if status is Status.INACCURATE:
-            complaint = f"largest wrong gradient {S[rows.REALS, WRONG]:.1e}"
+            complaint = f"largest wrong gradient {S[REALS, WRONG]:.1e}"
         elif status is Status.ITERATION_LIMIT:
             complaint = f"{work.descent_directions} descent directions were not enough"
         return Answer(
-            x=S[rows.X, : qp.k].copy(),
+            x=S[X, : qp.k].copy(),
             status=status,
             iterations=work.descent_directions,
             status_text=complaint,
-            working_set=I[rows.MEMBER, : qp.k].astype(np.int8),
+            working_set=I[MEMBER, : qp.k].astype(np.int8),
             work=work,
             memory=room,
         )

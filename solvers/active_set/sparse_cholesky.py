@@ -12,7 +12,8 @@ from __future__ import annotations
 from math import sqrt
 
 from solvers.active_set.compiled import kernel
-from solvers.active_set.sparse_workspace import IN_L, LINK, NEXT, WORK, V, Y
+from solvers.active_set.sparse_workspace import BEGUN, IN_L, LINK, NEXT, PLACE, WORK
+from solvers.active_set.workspace import V, Y
 
 DEPENDENT = 1e-11
 """Squared distance of a unit column from the span of others that cannot be told from rounding."""
@@ -29,8 +30,8 @@ def cholesky(pattern, Bx, S, I, Lx, shift):
     Lp, Li = pattern.Lp, pattern.Li
     inside, work, head, following = I[IN_L], S[WORK], I[LINK], I[NEXT]
     head[:k] = -1  # first of the columns whose next entry to be used is in this row
-    place = I[NEXT + 1]  # of that entry in L
-    begun = I[NEXT + 2]  # first entry of each row of B that is not left of c
+    place = I[PLACE]  # of that entry in L
+    begun = I[BEGUN]  # first entry of each row of B that is not left of c
     for i in range(Rp.size - 1):
         begun[i] = Rp[i]
     flops = 0

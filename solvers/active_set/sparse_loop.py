@@ -47,57 +47,55 @@ from solvers.active_set.loop import (
     WARM,
     extrapolated,
     extrapolation,
+    map_rows,
     remember_before,
+    wrong_sign,
 )
 from solvers.active_set.online_rule import PRICE, forget, iterations_worth, keep_account
 from solvers.active_set.sparse_cholesky import cholesky, inverse_norm, solve_L, solve_LT
-from solvers.active_set.sparse_workspace import (
-    BEFORE,
-    COUNTS,
-    FRESH,
-    GRADIENT,
-    IN_F,
-    IN_L,
-    LENGTH,
-    LOWER,
-    MARK,
-    MEMBER,
-    MOMENTUM,
-    OLD_MEMBER,
-    OLD_ROW,
-    PREVIOUS,
-    REALS,
-    REMAINDER,
-    RESIDUAL,
-    SEARCH,
-    UPPER,
-    WORK,
-    P,
-    V,
-    X,
-    Y,
-    Z,
-)
+from solvers.active_set.sparse_workspace import IN_F, IN_L, WORK
 from solvers.active_set.workspace import (
     AGE,
+    BEFORE,
     CG_ITERATIONS,
     CG_LIMIT,
     CHANGES,
+    COUNTS,
     DIRECTIONS,
     DUE,
     FACTORIZATION_COST,
     FACTORIZATION_FLOPS,
     FACTORIZATIONS,
     FLOPS,
+    FRESH,
+    GRADIENT,
     INTERVAL,
     INVERSE_NORM,
+    LENGTH,
+    LOWER,
+    MARK,
+    MEMBER,
+    MOMENTUM,
     OLD_K,
+    OLD_MEMBER,
+    OLD_ROW,
     ORDER,
     PASSES,
+    PREVIOUS,
+    REALS,
+    REMAINDER,
+    RESIDUAL,
+    SEARCH,
     SHIFT,
     STATUS,
+    UPPER,
     WRONG,
     YOUNG,
+    P,
+    V,
+    X,
+    Y,
+    Z,
 )
 
 FIRST_SHIFT, LEAST_SHIFT = 1e-4, 1e-10
@@ -140,23 +138,6 @@ def lay_out(pattern, data, d, lower, upper, Bx, S, m):
         high[c] = length[c] * upper[j]
     for i in range(m):
         momentum[i] = d[i]
-
-
-@kernel
-def map_rows(row_id, I, k):
-    """Row PREVIOUS: where each row was in the previous QP, −1 where it is new."""
-    old_k, place = I[COUNTS, OLD_K], 0
-    old_row, previous = I[OLD_ROW], I[PREVIOUS]
-    for j in range(k):
-        previous[j] = -1
-        for _ in range(old_k):
-            if place >= old_k:
-                place = 0
-            if old_row[place] == row_id[j]:
-                previous[j] = place
-                place += 1
-                break
-            place += 1
 
 
 @kernel
@@ -434,17 +415,6 @@ def ratio_test(S, I, k):
             elif p[c] < 0:
                 theta = min(theta, (low[c] - z[c]) / p[c])
     return theta
-
-
-@kernel
-def wrong_sign(S, c):
-    """Step 8: by how much Δ_c has the wrong sign for where z_c is; |Δ_c| between the bounds."""
-    wrong = 0.0
-    if S[Z, c] < S[UPPER, c]:
-        wrong = max(wrong, -S[GRADIENT, c])
-    if S[Z, c] > S[LOWER, c]:
-        wrong = max(wrong, S[GRADIENT, c])
-    return wrong
 
 
 @kernel

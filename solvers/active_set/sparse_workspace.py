@@ -1,7 +1,8 @@
-"""Where the sparse kernels keep their numbers: vectors as rows of two arrays, B and L by pattern.
+"""Where the sparse kernels keep their numbers: the rows of `workspace`, B and L by pattern.
 
 S (rows, n) and I (rows, n) hold vectors of k or m entries, columns in the order of `Pattern`; what
-is remembered from QP to QP (x, members, row_id) is in the order of the QP.
+is remembered from QP to QP (x, members, row_id) is in the order of the QP.  Here membership of F
+and of L are marks, one for each column, and not lists.
 """
 
 from __future__ import annotations
@@ -13,15 +14,12 @@ from numpy.typing import NDArray
 
 from problems.qp import Vector
 from solvers.active_set.sparse_pattern import Pattern
+from solvers.active_set.workspace import N_FLOAT_ROWS, N_INT_ROWS, OLD_F, SIZES, F
 
-# rows of S
-Z, LENGTH, LOWER, UPPER, GRADIENT, P, Y, RESIDUAL = range(8)
-FRESH, SEARCH, V, REMAINDER, X, WORK, MOMENTUM, REALS, BEFORE = range(8, 17)
-N_FLOAT_ROWS = 17
-
-# rows of I; `cholesky` uses the two rows past NEXT as well
-COUNTS, MEMBER, OLD_ROW, OLD_MEMBER, PREVIOUS, IN_F, IN_L, MARK, LINK, NEXT = range(10)
-N_INT_ROWS = 12
+IN_F, IN_L, WORK = F, OLD_F, SIZES
+"""Rows of another meaning than in `workspace`."""
+LINK, NEXT, PLACE, BEGUN = range(N_INT_ROWS, N_INT_ROWS + 4)
+"""Rows of I for `cholesky`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +47,7 @@ def make_sparse_workspace(
         np.empty(pattern.Bi.size),
         np.empty(pattern.Li.size),
         np.zeros((N_FLOAT_ROWS, n)),
-        np.zeros((N_INT_ROWS, n), dtype=np.int64),
+        np.zeros((BEGUN + 1, n), dtype=np.int64),
     )
     if previous is not None:
         old = previous.S.shape[1]
