@@ -462,7 +462,10 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
         eps0 = 0.0
         for c in range(k):
             eps0 = max(eps0, 1e-9 * abs(S[GRADIENT, c]))
-    w = extrapolation(S[REALS]) if warm and mode & EXTRAPOLATED else 0.0
+    w = 0.0
+    # where columns depend on each other x is not unique, and its changes are no trend
+    if warm and mode & EXTRAPOLATED and S[REALS, SHIFT] == 0.0:
+        w = extrapolation(S[REALS])
     f = start(order, S, I, warm, (mode & OWN_SET) != 0, w)  # 1.
     I[COUNTS, AGE] += 1
     interval = I[COUNTS, INTERVAL] if mode & CUSTOM else 0
