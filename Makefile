@@ -31,7 +31,7 @@ publish: study growth
 	find reports/published -name '*.svg' -delete
 
 growth: $(INSTALLED)
-	$(BIN)/glambda growth --limit 0.5 -o results/growth
+	$(BIN)/glambda growth --limit 0.2 -o results/growth
 
 bench: $(INSTALLED)
 	$(BIN)/python benchmarks/work_counts.py

@@ -8,8 +8,8 @@ For each family of scenes and each number of bodies, smallest first:
 2. It is replayed at accuracy `high` through the backends (`harness.replay`: interleaved passes,
    answers judged, the least time of each QP counts), each warm, or cold where it has no way of
    keeping anything from one QP to the next.
-3. A backend whose median call exceeds the limit, or fewer than half of whose answers are verified,
-   is not tried at the next size; the reason is kept.
+3. A backend whose median call exceeds the limit, or would by far, or fewer than half of whose
+   answers are verified, is not tried at the next size; the reason is kept.
 
 The folder holds recordings and results.  What is finished in it is not done again; it belongs to
 one version of the code, and refuses another's (`harness.store`).
@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from math import log
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -56,6 +57,8 @@ CROSSOVER = 48
 """QPs of more columns are stored with a sparse A."""
 COORDINATES = 3
 """Of a body."""
+FAR = 4.0
+"""Limits that a call is expected to take where a size is not even tried."""
 LIMIT = 2.0
 """Median of a whole call [s] beyond which a backend is not tried at the next size."""
 HALF = 0.5
@@ -200,12 +203,14 @@ def measure_growth(
 
             tell("record", 0.0, 1.0)
             recording = sequence(folder, family, bodies)
+            columns = max(qp.k for qp in recording.qps)
             size = {
                 "family": family,
                 "bodies": bodies,
                 "m": max(qp.m for qp in recording.qps),
-                "k": max(qp.k for qp in recording.qps),
+                "k": columns,
             }
+            gone |= _too_slow(rows, family, columns, plan.limit)
             active = [name for name in plan.named_solvers() if name not in gone]
             solves = _replayed(recording, active, plan, folder, tell)
             for solver in plan.named_solvers():
@@ -218,6 +223,25 @@ def measure_growth(
                 rows.append({**size, "solver": solver, **row})
             done += bodies
     return pd.DataFrame(rows)
+
+
+def _too_slow(rows: list[dict[str, Any]], family: str, k: int, limit: float) -> dict[str, str]:
+    """Backends that by the growth over their last two sizes would take `FAR` limits, and why.
+
+    The reason is put into the row of the last size, too.
+    """
+    found = {}
+    for solver in {row["solver"] for row in rows}:
+        known = [r for r in rows if (r["family"], r["solver"]) == (family, solver) and r["tried"]]
+        if len(known) < 2 or known[-1]["reason"]:
+            continue
+        before, last = known[-2:]
+        power = log(last["call_time"] / before["call_time"]) / log(last["k"] / before["k"])
+        expected = last["call_time"] * (k / last["k"]) ** max(1.0, power)
+        if expected > FAR * limit:
+            found[solver] = f"{expected:.2g} s per call expected at k = {k:,}, by its growth"
+            last["reason"] = found[solver]
+    return found
 
 
 def _replayed(
