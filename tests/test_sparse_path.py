@@ -53,9 +53,7 @@ def contact_qp(rng: np.random.Generator, bodies: int, contacts: int) -> ContactQ
 
 
 def sparse_sizes() -> st.SearchStrategy[tuple[int, int, int]]:
-    return st.tuples(
-        st.integers(0, 2**32 - 1), st.integers(3, 60), st.integers(CROSSOVER + 1, 150)
-    )
+    return st.tuples(st.integers(0, 2**32 - 1), st.integers(3, 60), st.integers(CROSSOVER + 1, 150))
 
 
 def laid_out(A: sp.csc_array, inside: Vector) -> tuple[SparseWorkspace, Vector]:
