@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import ceil, inf, isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
+T = TypeVar("T")
 NEVER_AT = 200.0
 """Where the interval ∞ stands on a logarithmic axis that ends at 100."""
 TICKS = (1, 2, 5, 10, 20, 50, 100)
@@ -46,16 +47,8 @@ def plot_sweep(measured: Sequence[Measurement], path: str | Path) -> Path:
 
     Costs are relative to the best fixed interval, in operations (dark) and in time (light).
     """
-    with drawing() as Figure:
-        figure, panels = panels_of(Figure, len(measured), legend=0.62)
-        for axes, one in zip(panels, measured, strict=True):
-            _sweep_panel(axes, one)
-        for place, axes in enumerate(panels):
-            if place % COLUMNS == 0:
-                axes.set_ylabel("cost per QP / best")
-            axes.set_xlabel("QPs per factorization")
-        legend_below(figure, panels)
-        return save(figure, Path(path))
+    labels = "QPs per factorization", "cost per QP / best"
+    return plot_panels(measured, _sweep_panel, labels, 0.62, path)
 
 
 def _sweep_panel(axes: Axes, one: Measurement) -> None:
@@ -112,7 +105,7 @@ def _sweep_panel(axes: Axes, one: Measurement) -> None:
     axes.axhline(1.0, color=SOFT, linewidth=0.5, zorder=0)
     _interval_axis(axes)
     axes.set_title(one.scene)
-    _aside(axes, f"f = {one.criterion.free:g}, best {best.cost:,.0f} operations")
+    _aside(axes, f"f = {one.criterion.free:g}, best {best.cost:,.0f} flops")
 
 
 def _model(axes: Axes, one: Measurement) -> None:
@@ -140,16 +133,8 @@ def _model(axes: Axes, one: Measurement) -> None:
 
 def plot_growth(measured: Sequence[Measurement], path: str | Path) -> Path:
     """Iterations per QP against the age of R, with the fit, and how the bound from κ grows."""
-    with drawing() as Figure:
-        figure, panels = panels_of(Figure, len(measured), legend=0.42)
-        for axes, one in zip(panels, measured, strict=True):
-            _growth_panel(axes, one)
-        for place, axes in enumerate(panels):
-            if place % COLUMNS == 0:
-                axes.set_ylabel("CG iterations per QP")
-            axes.set_xlabel("QPs since the factorization, s")
-        legend_below(figure, panels)
-        return save(figure, Path(path))
+    labels = "QPs since the factorization, s", "CG iterations per QP"
+    return plot_panels(measured, _growth_panel, labels, 0.42, path)
 
 
 def _growth_panel(axes: Axes, one: Measurement) -> None:
@@ -226,7 +211,29 @@ def _interval_axis(axes: Axes) -> None:
     axes.grid(axis="y")
 
 
-def panels_of(Figure: type[Figure], count: int, legend: float) -> tuple[Figure, list[Axes]]:
+def plot_panels(
+    items: Sequence[T],
+    draw: Callable[[Axes, T], None],
+    labels: tuple[str, str],
+    legend: float,
+    path: str | Path,
+) -> Path:
+    """One panel per item, drawn by `draw`, and one legend; labels (x, y) of the axes.
+
+    legend : height left for it at the bottom [in]
+    """
+    with drawing() as Figure:
+        figure, panels = _panels_of(Figure, len(items), legend)
+        for place, (axes, item) in enumerate(zip(panels, items, strict=True)):
+            draw(axes, item)
+            axes.set_xlabel(labels[0])
+            if place % COLUMNS == 0:
+                axes.set_ylabel(labels[1])
+        _legend_below(figure, panels)
+        return save(figure, Path(path))
+
+
+def _panels_of(Figure: type[Figure], count: int, legend: float) -> tuple[Figure, list[Axes]]:
     """A figure with so many panels, `legend` inches left free at the bottom."""
     rows = ceil(count / COLUMNS)
     height = rows * PANEL_HEIGHT + legend
@@ -245,7 +252,7 @@ def panels_of(Figure: type[Figure], count: int, legend: float) -> tuple[Figure, 
     return figure, panels
 
 
-def legend_below(figure: Figure, panels: Sequence[Axes]) -> None:
+def _legend_below(figure: Figure, panels: Sequence[Axes]) -> None:
     """One legend for all panels, at the bottom."""
     found: dict[str, Any] = {}
     for axes in panels:

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from harness.kept_factors import INTERVALS, LONGEST, METHOD
-from reports.criterion_figures import COLUMNS, legend_below, panels_of
+from reports.criterion_figures import plot_panels
 from reports.criterion_sweep import interval_text
 from reports.findings import join
-from reports.style import BLUE, GREEN, INK, VERMILLION, drawing, save
+from reports.style import BLUE, GREEN, INK, VERMILLION
 from reports.table import Table, microseconds, percent, short, times
 
 if TYPE_CHECKING:
@@ -148,17 +148,14 @@ def kept_runs_table(runs: pd.DataFrame) -> Table:
 
 def plot_kept(runs: pd.DataFrame, path: str | Path) -> Path:
     """Time per QP against the interval between renewals, one panel per recording."""
+
+    def panel(axes: Axes, scene: str) -> None:
+        _panel(axes, runs[runs["scene"] == scene])
+        axes.set_title(scene)
+
     scenes = list(dict.fromkeys(runs["scene"]))
-    with drawing() as Figure:
-        figure, panels = panels_of(Figure, len(scenes), legend=0.62)
-        for place, (axes, scene) in enumerate(zip(panels, scenes, strict=True)):
-            _panel(axes, runs[runs["scene"] == scene])
-            axes.set_title(scene)
-            axes.set_xlabel("QPs from one renewal to the next")
-            if place % COLUMNS == 0:
-                axes.set_ylabel("µs per QP")
-        legend_below(figure, panels)
-        return save(figure, Path(path))
+    labels = "QPs from one renewal to the next", "µs per QP"
+    return plot_panels(scenes, panel, labels, 0.62, path)
 
 
 def _panel(axes: Axes, runs: pd.DataFrame) -> None:
