@@ -446,15 +446,17 @@ def criterion(
 
     Example:  glambda criterion recordings/*.h5 -o criterion
     """
-    from harness.criterion import measure_files
-    from harness.examination import examine_files
+    from harness.criterion import measure_all
+    from harness.examination import examine
     from harness.progress import shown
+    from harness.recording import read_recording
     from reports.criterion_report import print_criterion, write_criterion
 
+    recordings = [read_recording(file) for file in files]
     with shown("criterion", _console(err=True)) as tell:
-        measured = measure_files(files, repeats=repeats, progress=tell)
+        measured = measure_all(recordings, repeats=repeats, progress=tell)
     with shown("examination", _console(err=True)) as tell:
-        examination = examine_files(files, progress=tell)
+        examination = examine(recordings, progress=tell)
     print_criterion(_console(), measured, examination)
     if output is not None:
         typer.echo(str(write_criterion(measured, output, examination)))

@@ -39,11 +39,10 @@ beat every fixed interval; then it is negative.
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import ceil, inf
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -71,7 +70,8 @@ from harness.factor_rules import (
     sequence,
     stopping_at,
 )
-from harness.recording import Recording, read_recording
+from harness.record import Progress
+from harness.recording import Recording
 from harness.threads import one_thread
 from harness.unit_costs import UnitCosts
 from harness.unit_times import UnitTimes, fit_unit_times
@@ -93,9 +93,6 @@ MOST_TURNS = 20
 """… but no more often than this, unless asked for."""
 WARM_UP = 20
 """QPs that are solved before the clock matters."""
-
-Progress = Callable[[str, float, float], None]
-"""Called with what is being done, how much of it is done, and how much there is."""
 
 
 @dataclass(eq=False)
@@ -246,15 +243,13 @@ def measure(
     )
 
 
-def measure_files(
-    paths: Sequence[str | Path], *, repeats: int = 5, progress: Progress | None = None
+def measure_all(
+    recordings: Sequence[Recording], *, repeats: int = 5, progress: Progress | None = None
 ) -> list[Measurement]:
     """Measure the criterion on recordings; those on which nothing starts warm are left out.
 
-    Raises RecordingError (a ValueError) for a file that is no recording, before anything is run,
-    and ValueError where nothing is left.
+    Raises ValueError where nothing is left.
     """
-    recordings = [read_recording(path) for path in paths]
     total = sum(len(recording.qps) for recording in recordings)
     done, measured = 0, []
     for recording in recordings:

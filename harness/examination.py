@@ -8,9 +8,8 @@ QP to QP (`harness.kept_factors`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import pandas as pd
 
@@ -19,10 +18,8 @@ from harness.enumeration_growth import SIZES, randomly, recorded
 from harness.estimates import Estimates, estimates_of
 from harness.kept_factors import kept_factors, no_runs
 from harness.minimum_norm_ways import MinimumNormWays, minimum_norm_ways
-from harness.recording import Recording, read_recording
-
-Progress = Callable[[str, float, float], None]
-"""Called with what is being done, how much of it is done, and how much there is."""
+from harness.record import Progress
+from harness.recording import Recording
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +81,3 @@ def examine(
         minimum_norm,
         pd.concat(kept, ignore_index=True),
     )
-
-
-def examine_files(paths: Sequence[str | Path], *, progress: Progress | None = None) -> Examination:
-    """Check everything on recordings; raises RecordingError for a file that is none."""
-    return examine([read_recording(path) for path in paths], progress=progress)

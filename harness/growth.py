@@ -40,6 +40,7 @@ from problems import ContactQP, simulate
 from problems import scene as make_scene
 from problems.qp import Matrix
 from solvers import available_solvers, make_solver
+from solvers.active_set.method import CROSSOVER
 from solvers.registry import solver_class
 
 FAMILIES = ("tower", "wall")
@@ -53,8 +54,6 @@ SOLVERS = (
 """Who is tried where nobody is named, if it is installed."""
 STEPS, STEP = 8, 0.005
 """Steps of a sequence, and their length [s]."""
-CROSSOVER = 48
-"""QPs of more columns are stored with a sparse A."""
 COORDINATES = 3
 """Of a body."""
 FAR = 4.0

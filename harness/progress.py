@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-Tell = Callable[[str, float, float], None]
-"""tell(what, done, total)."""
+from harness.record import Progress as Tell
 
 LINE_EVERY = 20.0
 """Seconds between two lines where there is no terminal."""

@@ -30,6 +30,7 @@ from harness.facts import SETTINGS, Facts, facts_of
 from harness.judge import judge
 from harness.machine import machine_label, solver_version
 from harness.measure import Outcome, run_pass
+from harness.record import Progress
 from harness.recording import Recording, read_recording
 from harness.store import Shard, ShardKey, Store, read_results
 from harness.threads import one_thread
@@ -41,9 +42,6 @@ from solvers.registry import solver_class
 ARMS = ("cold", "warm")
 WARM_UP = 1.0
 """Longest warm-up of a run [s]."""
-
-Progress = Callable[[str, float, float], None]
-"""Called with what is being done, how much of it is done, and how much there is."""
 
 
 @dataclass(eq=False)

@@ -14,8 +14,9 @@ from pathlib import Path
 import pandas as pd
 
 from harness.expected_misses import ACCURATE_CLASS, EXPECTED, SCENES
+from harness.record import Progress
 from harness.recording import Recording
-from harness.replay import Progress, replay
+from harness.replay import replay
 
 VERIFY_SETTINGS = ("paper", "high")
 TIME_LIMIT = 60.0

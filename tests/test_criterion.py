@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from harness.cli import app
 from harness.cost_model import fit_growth
-from harness.criterion import RULES, Measurement, growth_of, measure, measure_files
+from harness.criterion import RULES, Measurement, growth_of, measure, measure_all
 from harness.drift import compare, drift, effort, predicted_exponent
 from harness.factor_rules import (
     as_shipped,
@@ -27,7 +27,7 @@ from harness.factor_rules import (
     sequence,
 )
 from harness.record import recording_of
-from harness.recording import Recording, write_recording
+from harness.recording import Recording, read_recording, write_recording
 from harness.unit_times import PARTS, fit_unit_times
 from problems import scene, simulate
 from problems.qp import ContactQP
@@ -357,7 +357,7 @@ def test_the_command_refuses_what_it_cannot_measure(tmp_path: Path) -> None:
     path = tmp_path / "still.h5"
     write_recording(path, replace(made, qps=[replace(qp, kind="impulse") for qp in made.qps]))
     with pytest.raises(ValueError, match="record a longer motion"):
-        measure_files([path])
+        measure_all([read_recording(path)])
     result = CliRunner().invoke(app, ["criterion", str(path)])
     assert result.exit_code == 2 and "longer motion" in result.stderr
     assert CliRunner().invoke(app, ["criterion", str(tmp_path / "no.h5")]).exit_code == 2

@@ -409,7 +409,8 @@ def test_what_is_missing_is_told() -> None:
 def test_the_command_writes_the_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, out = tmp_path / "fig5.h5", tmp_path / "out"
     write_recording(path, short_recording("fig5", 60))
-    monkeypatch.setattr("harness.examination.examine_files", lambda *_, **__: examined())
+    short = examined()
+    monkeypatch.setattr("harness.examination.examine", lambda *_, **__: short)
     result = CliRunner().invoke(app, ["criterion", str(path), "--repeats", "1", "-o", str(out)])
     assert result.exit_code == 0, result.output
     assert "Ranks against the SVD" in result.stdout
