@@ -118,7 +118,7 @@ def counts_of(qps: Sequence[ContactQP], solvers: Sequence[str] = SOLVERS) -> Cou
     counts = {}
     for solver in solvers:
         for arm in ARMS:
-            outcomes, _ = run_pass(make_solver(solver), qps, warm=arm == "warm")
+            outcomes, _ = run_pass(make_solver(solver), qps, arm=arm)
             total = dict.fromkeys(COUNTS, 0)
             for outcome in outcomes:
                 if outcome.work is None:

@@ -23,6 +23,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from harness.recording import Reference
 from problems.qp import ContactQP, Solution, Status, Vector, WorkCounts
 from problems.sequence import WARM_KINDS
 from solvers.base import Solver, Unsupported
@@ -112,13 +113,16 @@ def run_pass(
     solver: Solver,
     qps: Sequence[ContactQP],
     *,
-    warm: bool,
+    arm: str,
+    references: Sequence[Reference | None] | None = None,
     time_limit: float = float("inf"),
     budget: float = float("inf"),
     advance: Callable[[int], None] | None = None,
 ) -> tuple[list[Outcome], NDArray[np.float64]]:
     """Solve the sequence in order.
 
+    arm : "cold" or "warm", what each solve is started from
+    references : the oracle's answers, one per QP
     time_limit : [s] beyond which a solve is a timeout, looked at after the call
     budget : [s] after which the pass ends early; the warm-up uses it
     advance : told now and then how many more QPs are done
@@ -141,7 +145,7 @@ def run_pass(
             grouped = qp.kind in WARM_KINDS
             if grouped and qp.restart:
                 last, fresh = None, True
-            start = last if warm and grouped else None
+            start = last if arm == "warm" and grouped else None
             alone = grouped and fresh
             fresh = fresh and not grouped
             if slow >= PATIENCE:

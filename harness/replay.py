@@ -157,7 +157,9 @@ def reproduce(
         )
     facts = [facts_of(qp) for qp in recording.qps[: index + 1]]
     posed = [_posed(f, setting) for f in facts]
-    outcomes, times = run_pass(_make(solver, setting), posed, warm=arm == "warm")
+    outcomes, times = run_pass(
+        _make(solver, setting), posed, arm=arm, references=recording.references
+    )
     row = _row(recording, setting, index, facts[index], outcomes[index])
     build, setup, solve, call = times[index]
     return {
@@ -209,13 +211,18 @@ class _Block:
 
     def do_pass(self, run: Run, advance: Callable[[int], None]) -> Shard:
         """One more pass of `run`; its shard grows by it and is returned."""
-        warm = run.key.arm == "warm"
-        if not run.warmed:
-            run_pass(run.solver, self.posed, warm=warm, time_limit=self.time_limit, budget=WARM_UP)
-            run.warmed = True
-        outcomes, times = run_pass(
-            run.solver, self.posed, warm=warm, time_limit=self.time_limit, advance=advance
+        one_pass = partial(
+            run_pass,
+            run.solver,
+            self.posed,
+            arm=run.key.arm,
+            references=self.recording.references,
+            time_limit=self.time_limit,
         )
+        if not run.warmed:
+            one_pass(budget=WARM_UP)
+            run.warmed = True
+        outcomes, times = one_pass(advance=advance)
         if run.shard is None:
             rows: Sequence[Mapping[str, Any]] = [
                 _row(self.recording, self.setting, i, self.facts[i], outcome)

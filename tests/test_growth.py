@@ -229,7 +229,7 @@ def test_large_qps_do_not_ask_a_package_for_less_than_rounding(
     for recording in large:
         facts = [facts_of(qp) for qp in recording.qps[:4]]
         posed = [f.qp.with_accuracy(f.asked("high")) for f in facts]
-        outcomes, _ = run_pass(make_solver(solver), posed, warm=True)
+        outcomes, _ = run_pass(make_solver(solver), posed, arm="warm")
         for qp, outcome, f in zip(posed, outcomes, facts, strict=True):
             assert outcome.iterations is not None
             assert outcome.iterations <= few
@@ -241,5 +241,5 @@ def test_no_large_tower_is_called_unbounded(folder: Path) -> None:
     """OSQP and ProxQP took a tower of 500 boxes for an unbounded problem."""
     qps = sequence(folder, "tower", 500).qps[:2]
     for solver in ("osqp", "proxqp"):
-        outcomes, _ = run_pass(make_solver(solver), qps, warm=True)
+        outcomes, _ = run_pass(make_solver(solver), qps, arm="warm")
         assert [outcome.status for outcome in outcomes] == ["SOLVED", "SOLVED"]

@@ -174,7 +174,7 @@ def test_settings_ask_for_their_accuracy() -> None:
 
 def test_warm_starts_follow_the_protocol() -> None:
     made = fake_recording(length=6)
-    run_pass(Oracle(), made.qps, warm=True)
+    run_pass(Oracle(), made.qps, arm="warm")
     given = [start is not None for _, start in Oracle.starts]
     # First of the sequence, and the restart at QP 3; QPs 6 and on are impulses.
     assert given == [False, True, True, False, True, True] + [False] * 5
@@ -186,7 +186,7 @@ def test_warm_starts_follow_the_protocol() -> None:
 def test_an_impulse_does_not_break_the_chain() -> None:
     made = fake_recording(length=6)
     qps = [made.qps[0], replace(made.qps[1], kind="impulse"), made.qps[2]]
-    run_pass(Oracle(), qps, warm=True)
+    run_pass(Oracle(), qps, arm="warm")
     (_, _), (_, second), (_, third) = Oracle.starts
     assert second is None and third is not None
     assert (third.row_id == qps[0].row_id).all()
@@ -245,7 +245,7 @@ def test_no_answer_and_nan_are_failures() -> None:
 
 def test_late_answers_are_timeouts_and_patience_ends() -> None:
     made = fake_recording(length=PATIENCE + 4)
-    outcomes, times = run_pass(Slow(), made.qps, warm=False, time_limit=0.001)
+    outcomes, times = run_pass(Slow(), made.qps, arm="cold", time_limit=0.001)
     assert [o.verdict for o in outcomes] == ["timeout"] * len(made.qps)
     assert np.isfinite(times[:PATIENCE]).all() and np.isnan(times[PATIENCE:]).all()
     assert outcomes[PATIENCE - 1].x is not None and outcomes[PATIENCE].x is None
@@ -254,7 +254,7 @@ def test_late_answers_are_timeouts_and_patience_ends() -> None:
 
 def test_the_warm_up_ends_early() -> None:
     made = fake_recording(length=6)
-    outcomes, _ = run_pass(Slow(), made.qps, warm=False, budget=0.01)
+    outcomes, _ = run_pass(Slow(), made.qps, arm="cold", budget=0.01)
     assert len(outcomes) == 1
 
 
@@ -267,7 +267,7 @@ def test_slow_passes_are_not_repeated() -> None:
 def test_garbage_collection_is_off_in_a_pass_and_on_after(monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []
     monkeypatch.setattr(Oracle, "run", lambda self, native: seen.append(gc.isenabled()))
-    run_pass(Oracle(), fake_recording().qps, warm=False)
+    run_pass(Oracle(), fake_recording().qps, arm="cold")
     assert not any(seen) and gc.isenabled()
 
 
@@ -275,9 +275,9 @@ def test_passes_go_round_the_solvers(monkeypatch: pytest.MonkeyPatch) -> None:
     order: list[str] = []
     plain = run_pass
 
-    def spy(solver: Solver, qps: Any, *, warm: bool, budget: float = np.inf, **rest: Any) -> Any:
+    def spy(solver: Solver, qps: Any, *, budget: float = np.inf, **rest: Any) -> Any:
         order.append(type(solver).__name__ + ("" if np.isinf(budget) else " warms up"))
-        return plain(solver, qps, warm=warm, budget=budget, **rest)
+        return plain(solver, qps, budget=budget, **rest)
 
     monkeypatch.setattr(sys.modules["harness.replay"], "run_pass", spy)
     replay(fake_recording(), ["right", "liar"], ["paper"], ["cold"], repeats=2)
@@ -366,6 +366,6 @@ def test_reproduce_gives_the_row_again() -> None:
 
 
 def test_memory_is_not_kept_in_outcomes() -> None:
-    outcomes, _ = run_pass(Oracle(), fake_recording().qps, warm=False)
+    outcomes, _ = run_pass(Oracle(), fake_recording().qps, arm="cold")
     assert not any(hasattr(outcome, "memory") for outcome in outcomes)
     assert working_set_of(fake_recording().qps[0], outcomes[0].x).size
