@@ -1,0 +1,26 @@
+"""The command line, `glambda`: one module per group of commands.
+
+It names all four packages and imports each only in the command that needs it, so that `--help` is
+there at once.  Exit codes: 0 fine; 1 a judged failure; 2 bad input, told in one line: what, where,
+remedy.  GLAMBDA_DEBUG=1 shows the traceback instead.
+"""
+
+from __future__ import annotations
+
+from harness.cli.app import app
+from harness.threads import ask_for_one_thread
+
+# isort: off
+# in the order of --help
+from harness.cli import listing  # noqa: F401
+from harness.cli import simulation  # noqa: F401
+from harness.cli import replays  # noqa: F401
+from harness.cli import campaigns  # noqa: F401
+from harness.cli import studies  # noqa: F401
+# isort: on
+
+
+def main() -> None:
+    """Entry point of the command `glambda`."""
+    ask_for_one_thread()
+    app()

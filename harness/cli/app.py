@@ -1,0 +1,150 @@
+"""The Typer application, and what its commands share: options, names, errors told in one line."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+EPILOG = """A first walk:
+
+glambda simulate fig4 --plot fig4.png
+
+glambda record fig4 -o recordings
+
+glambda replay recordings/fig4.h5 --solvers lotstedt,daqp -o results
+
+glambda report results -o report
+
+or all of it, four scenes and every backend, at once:  glambda study
+"""
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+RESUMED = ("replay", "growth", "study")
+"""Commands that continue from their results folder after Ctrl-C."""
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+Files = Annotated[list[Path], typer.Argument(metavar="FILE...", help="recordings (.h5)")]
+Sets = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="a parameter of the scene; may be repeated"),
+]
+Until = Annotated[float | None, typer.Option(help="end of the motion [s]; default: the scene's")]
+Eps = Annotated[float | None, typer.Option(help="the stepper's ε; default: the scene's (0.001)")]
+Friction = Annotated[
+    Literal["corrected", "paper"], typer.Option(help="the paper's lagged friction, or corrected")
+]
+DropTol = Annotated[
+    float | None, typer.Option(help="speed at which a contact without force is dropped; default: ε")
+]
+Solvers = Annotated[
+    str,
+    typer.Option(
+        help="names with commas between, such as lotstedt,lotstedt[exact_qr],daqp; "
+        "all: every backend that is installed"
+    ),
+]
+
+
+def told(command: Command) -> Command:
+    """Turn errors of input into one line on stderr and exit code 2."""
+
+    @functools.wraps(command)
+    def run(*arguments: Any, **options: Any) -> Any:
+        try:
+            return command(*arguments, **options)
+        except ImportError as error:
+            _give_up(error, 2, f"{error}; install its package, or choose another solver or scene")
+        except OSError as error:
+            what = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+            _give_up(error, 2, f"{what}; name another file or folder")
+        except ValueError as error:
+            _give_up(error, 2)
+        except RuntimeError as error:  # SimulationError: the simulation could not go on
+            if type(error).__name__ != "SimulationError":
+                raise
+            _give_up(error, 1)
+        except KeyboardInterrupt:
+            goes_on = ": the same command continues" if command.__name__ in RESUMED else ""
+            typer.echo(f"\ninterrupted; what was finished is kept{goes_on}", err=True)
+            raise typer.Exit(130) from None
+
+    return run  # type: ignore[return-value]
+
+
+def _give_up(error: Exception, code: int, message: str = "") -> None:
+    if os.environ.get("GLAMBDA_DEBUG"):
+        raise error
+    typer.echo(f"glambda: {' '.join((message or str(error)).split())}", err=True)
+    raise typer.Exit(code) from None
+
+
+def terminal(err: bool = False) -> Console:
+    from rich.console import Console
+
+    console = Console(stderr=err)
+    if not console.is_terminal:
+        console.width = 120  # a file has no width of its own
+    return console
+
+
+def split_names(text: str, default: list[str]) -> list[str]:
+    """Names with commas between; "all" stands for `default`."""
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    if not names:
+        raise ValueError("an empty list of names was given; leave the option out for all")
+    return default if names == ["all"] else list(dict.fromkeys(names))
+
+
+def chosen_solvers(text: str) -> list[str]:
+    """Solvers by name; absent ones are told by name where all are meant."""
+    from solvers import describe, make_solver
+    from solvers.registry import solver_names
+
+    if text.strip() != "all":
+        names = split_names(text, [])
+        for name in names:
+            make_solver(name)  # raises for an unknown one
+        return names
+    known = [describe(name) for name in solver_names()]
+    for info in known:
+        if not info.available:
+            typer.echo(f"skipped: {info.name} is not installed ({info.reason})", err=True)
+    return [info.name for info in known if info.available]
+
+
+def output_file(path: Path | None, suffixes: tuple[str, ...], option: str) -> Path | None:
+    """An output file, refused before the work and not after it."""
+    if path is None:
+        return None
+    if path.suffix.lower() not in suffixes:
+        raise ValueError(f"{option} {path}: give a name that ends in {' or '.join(suffixes)}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not os.access(path.parent, os.W_OK) or path.is_dir():
+        raise ValueError(f"{option} {path}: cannot be written there; name another file")
+    return path
+
+
+@app.callback(epilog=EPILOG)
+def glambda() -> None:
+    """Rigid bodies in contact by Lötstedt's 1984 method, and a fair replay of its QPs.
+
+    A scene is simulated; each time step poses a quadratic program, min ½‖A x + d‖² within bounds.
+    A recording keeps these QPs in order. A replay hands the identical QPs to every backend, and
+    each answer is judged by A x, so by Gλ and the motion, never by λ, which is not unique where
+    contacts are redundant.
+    """

@@ -1,0 +1,91 @@
+"""`glambda criterion | growth`: the paper's method under the lens."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from harness.cli.app import Files, app, chosen_solvers, terminal, told
+
+
+@app.command()
+@told
+def criterion(
+    files: Files,
+    repeats: Annotated[int, typer.Option(min=1, help="fewest timed runs of each rule")] = 5,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="folder for tables and figures")
+    ] = None,
+) -> None:
+    """When should the paper's method factorize anew? Rules and intervals, counted and timed.
+
+    Then whether the norms, ranks and accuracy that it relies on are what it takes them for, and
+    what guessing the active set would cost.
+
+    Example:  glambda criterion recordings/*.h5 -o criterion
+    """
+    from harness.criterion import measure_all
+    from harness.examination import examine
+    from harness.progress import shown
+    from harness.recording import read_recording
+    from reports.criterion_report import print_criterion, write_criterion
+
+    recordings = [read_recording(file) for file in files]
+    with shown("criterion", terminal(err=True)) as tell:
+        measured = measure_all(recordings, repeats=repeats, progress=tell)
+    with shown("examination", terminal(err=True)) as tell:
+        examination = examine(recordings, progress=tell)
+    print_criterion(terminal(), measured, examination)
+    if output is not None:
+        typer.echo(str(write_criterion(measured, output, examination)))
+
+
+@app.command()
+@told
+def growth(
+    families: Annotated[
+        list[str] | None, typer.Argument(metavar="[FAMILY...]", help="default: tower and wall")
+    ] = None,
+    bodies: Annotated[
+        str | None, typer.Option(help="sizes with commas between, such as 5,20,100")
+    ] = None,
+    solvers: Annotated[
+        str | None, typer.Option(help="as for replay; default: all that could reach these sizes")
+    ] = None,
+    limit: Annotated[
+        float, typer.Option(help="[s] per QP; a backend beyond it is not tried at the next size")
+    ] = 2.0,
+    output: Annotated[Path, typer.Option("-o", "--output", help="folder")] = Path("growth"),
+) -> None:
+    """How does the time per QP grow with the number of bodies, backend by backend?
+
+    Records a short slow motion of each family at each size, replays it warm through the backends,
+    and writes growth.md with tables and a figure. A folder that holds some of it already is
+    continued.
+
+    Example:  glambda growth tower wall,mu=0.3 --bodies 5,20,100 -o growth
+    """
+    from harness.growth import FAMILIES, Plan, measure_growth
+    from harness.progress import shown
+    from reports.growth import print_growth, write_growth
+
+    plan = Plan(
+        families=tuple(families or FAMILIES),
+        bodies=tuple(_sizes(bodies)) if bodies is not None else (),
+        solvers=tuple(chosen_solvers(solvers)) if solvers is not None else (),
+        limit=limit,
+    )
+    with shown("growth", terminal(err=True)) as tell:
+        points = measure_growth(plan, output, progress=tell)
+    print_growth(terminal(), points)
+    typer.echo(str(write_growth(points, output)))
+
+
+def _sizes(text: str) -> list[int]:
+    """Whole numbers with commas between."""
+    sizes = [part.strip() for part in text.split(",") if part.strip()]
+    if not sizes or not all(size.isdecimal() for size in sizes):
+        raise ValueError(f"--bodies {text!r}: give whole numbers with commas between")
+    return [int(size) for size in sizes]

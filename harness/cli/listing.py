@@ -1,0 +1,63 @@
+"""`glambda scenes | solvers | info`: what there is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from harness.cli.app import app, terminal, told
+
+
+@app.command()
+@told
+def scenes() -> None:
+    """List the scenes, with their parameters and defaults."""
+    from harness.display import scenes_table
+    from problems import describe_scene, scene_names
+
+    terminal().print(scenes_table({name: describe_scene(name) for name in scene_names()}))
+
+
+@app.command()
+@told
+def solvers() -> None:
+    """List the backends: version, form, warm start, or why one is absent.
+
+    The form says what a package is fed: "normal" is P = AᵀA, which squares the condition;
+    "residual" keeps y = A x + d as rows. Starred ones are held to miss no A x at all.
+    """
+    from harness.display import solvers_table
+    from solvers import describe
+    from solvers.registry import solver_names
+
+    known = [describe(name) for name in solver_names()]
+    terminal().print(solvers_table(known))
+    for info in known:
+        if not info.available:
+            typer.echo(f"absent: {info.name} ({info.reason})")
+
+
+@app.command()
+@told
+def info(
+    paths: Annotated[list[Path], typer.Argument(metavar="FILE...", help="recordings or results")],
+) -> None:
+    """Tell what recordings (.h5) or results folders hold.
+
+    Example:  glambda info recordings/fig4.h5
+    """
+    from harness.display import print_recording, replay_table
+    from harness.recording import read_recording
+    from harness.store import read_results
+
+    console = terminal()
+    for path in paths:
+        if path.is_dir():
+            rows = read_results(path)
+            if not len(rows):
+                raise ValueError(f"{path}: holds no results; give a folder of 'glambda replay'")
+            console.print(replay_table(rows))
+        else:
+            print_recording(console, read_recording(path), str(path))

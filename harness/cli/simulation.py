@@ -1,0 +1,126 @@
+"""`glambda simulate | record`: run a scene, keep its QPs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from harness.cli.app import DropTol, Eps, Friction, Sets, Until, app, output_file, terminal, told
+
+if TYPE_CHECKING:
+    from harness.recording import Recording
+
+
+@app.command()
+@told
+def simulate(
+    scene: Annotated[str, typer.Argument(help="a scene, see 'glambda scenes'")],
+    solver: Annotated[str, typer.Option(help="drives the simulation")] = "lotstedt",
+    eps: Eps = None,
+    until: Until = None,
+    fixed_step: Annotated[
+        float | None, typer.Option(help="step length [s], without error control")
+    ] = None,
+    friction: Friction = "corrected",
+    drop_tol: DropTol = None,
+    settings: Sets = None,
+    trajectory: Annotated[
+        Path | None, typer.Option(metavar="F.csv", help="positions; events to F.events.csv")
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="F.png", help="frames (.png, .svg, .pdf)")
+    ] = None,
+    animate: Annotated[Path | None, typer.Option(metavar="F.gif", help="the motion")] = None,
+) -> None:
+    """Simulate a scene, with any backend in the loop.
+
+    Example:  glambda simulate fig4 --set mu_I=0.8 --solver daqp --plot fig4.png
+    """
+    from harness.display import print_run
+    from harness.progress import shown
+    from harness.study import parse_label, parse_settings
+    from problems import scene as make_scene
+    from problems import simulate as run_scene
+    from solvers import make_solver
+
+    table = output_file(trajectory, (".csv",), "--trajectory")
+    picture = output_file(plot, (".png", ".svg", ".pdf"), "--plot")
+    film = output_file(animate, (".gif",), "--animate")
+    name, parameters = parse_label(scene)
+    made = make_scene(name, **{**parameters, **parse_settings(settings or [])})
+    end = made.end_time if until is None else until
+    with shown(f"simulate {made.label}", terminal(err=True)) as tell:
+        run = run_scene(
+            made,
+            make_solver(solver),
+            eps=eps,
+            until=until,
+            fixed_step=fixed_step,
+            friction=friction,
+            drop_tol=drop_tol,
+            progress=lambda t: tell(f"t = {t:.3f} s", t, end),
+        )
+    print_run(terminal(), run)
+    if table is not None:
+        run.trajectory.to_csv(table, index=False)
+        run.events.to_csv(table.with_suffix(".events.csv"), index=False)
+    if picture is not None:
+        from reports.figures import plot_scene
+
+        plot_scene(run, picture)
+    if film is not None:
+        from reports.figures import animate_scene
+
+        animate_scene(run, film)
+
+
+@app.command()
+@told
+def record(
+    scene: Annotated[
+        list[str] | None, typer.Argument(metavar="[SCENE...]", help="default: the paper's four")
+    ] = None,
+    settings: Sets = None,
+    eps: Eps = None,
+    until: Until = None,
+    friction: Friction = "corrected",
+    drop_tol: DropTol = None,
+    output: Annotated[Path, typer.Option("-o", "--output", help="folder")] = Path("recordings"),
+) -> None:
+    """Simulate scenes by the paper's method and keep every QP, with a reference answer.
+
+    One HDF5 file each, named by the scene and what differs from its defaults; the same command
+    makes the same bytes.
+
+    Example:  glambda record fig4 --set mu_I=0.8 -o recordings
+    """
+    options = {"eps": eps, "until": until, "friction": friction, "drop_tol": drop_tol}
+    for made, path in recorded(scene, settings, options, output):
+        typer.echo(f"{path}: {len(made.qps)} QPs, digest {made.digest[:12]}…")
+
+
+def recorded(
+    labels: list[str] | None,
+    settings: list[str] | None,
+    options: dict[str, Any],
+    folder: Path,
+) -> list[tuple[Recording, Path]]:
+    from harness.progress import shown
+    from harness.record import record as record_scene
+    from harness.recording import write_recording
+    from harness.study import PAPER_SCENES, parse_label, parse_settings
+    from problems import scene as make_scene
+
+    named = [parse_label(label) for label in labels or PAPER_SCENES]
+    extra = parse_settings(settings or [])
+    made = [make_scene(name, **{**parameters, **extra}) for name, parameters in named]
+    done = []
+    for each in made:
+        with shown(f"record {each.label}", terminal(err=True)) as tell:
+            recording = record_scene(each, **options, progress=tell)
+        path = folder / f"{recording.scene}.h5"
+        write_recording(path, recording)
+        done.append((recording, path))
+    return done

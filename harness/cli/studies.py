@@ -1,0 +1,73 @@
+"""`glambda report | study`: tables, figures and the page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from harness.cli.app import app, chosen_solvers, terminal, told
+
+
+@app.command()
+@told
+def report(
+    results: Annotated[Path, typer.Argument(help="results folder")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="folder")] = Path("report"),
+) -> None:
+    """Write tables, figures and one self-contained page from stored results.
+
+    Example:  glambda report results -o report
+    """
+    from reports.page import write_report
+
+    with terminal(err=True).status("drawing the report"):
+        page = write_report(results, output)
+    typer.echo(str(page))
+
+
+@app.command()
+@told
+def study(
+    quick: Annotated[
+        bool, typer.Option("--quick", help="about a minute: short motions, one pass, fast backends")
+    ] = False,
+    scenes: Annotated[
+        str | None,
+        typer.Option(
+            help="with spaces between, such as 'fig3 tower,bodies=20'; all: the paper's four"
+        ),
+    ] = None,
+    solvers: Annotated[str | None, typer.Option(help="as for replay")] = None,
+    results: Annotated[
+        Path | None, typer.Option(help="folder; default: results, or results/quick")
+    ] = None,
+) -> None:
+    """Record the scenes, replay them through every backend, and report.
+
+    An interrupted study continues where it stopped. The report is RESULTS/report/index.html.
+    """
+    from dataclasses import replace as with_changes
+
+    from harness.display import replay_table
+    from harness.progress import shown
+    from harness.store import read_results
+    from harness.study import PAPER_SCENES, QUICK, Plan, run_study
+    from reports.page import write_report
+
+    plan = QUICK if quick else Plan()
+    if scenes is not None:
+        plan = with_changes(plan, scenes=PAPER_SCENES if scenes == "all" else tuple(scenes.split()))
+    if solvers is not None:
+        plan = with_changes(plan, solvers=tuple(chosen_solvers(solvers)))
+    folder = results or Path("results/quick" if quick else "results")
+    console = terminal(err=True)
+    with shown("study", console) as tell:
+        run_study(plan, folder, progress=tell)
+    with console.status("drawing the report"):
+        page = write_report(folder, folder / "report")
+    rows = read_results(folder)
+    for setting in plan.settings:
+        terminal().print(replay_table(rows[rows["settings"] == setting]))
+    typer.echo(str(page))
