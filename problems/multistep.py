@@ -48,10 +48,11 @@ class Path:
 class History:
     """Steps since the last restart: (h, q̇, q̈) of the newest two, newest first.
 
-    `order` is that of the next step: 1 for the two steps after a restart, then 2 (§3.1).
+    `order` is that of the next step: 1 for the two steps after a restart, then `highest` (§3.1).
     """
 
-    def __init__(self, v: Vector):
+    def __init__(self, v: Vector, highest: int = 2):
+        self.highest = highest
         self.restart(v)
 
     def restart(self, v: Vector) -> None:
@@ -70,7 +71,7 @@ class History:
 
     @property
     def order(self) -> int:
-        return 1 if self.steps < 2 else 2
+        return 1 if self.steps < 2 else self.highest
 
     def path(self, q: Vector) -> Path:
         """AB-r from q (3.1a)."""

@@ -76,6 +76,7 @@ class StepperOptions:
     friction : "corrected" or "paper", see `problems.friction`
     fixed_step : a constant h [s] without error control, cut only by events; None: (3.5)
     h_first, h_max : first and largest step [s]
+    order : r of AB-r and BDF-r once it has started, 1 or 2
     rest_speed : ‖q̇_i‖_M of every body below which the system is still; default 2 ε
     """
 
@@ -86,6 +87,7 @@ class StepperOptions:
     h_first: float = 1e-3
     h_max: float = 0.02
     rest_speed: float = 0.0
+    order: int = 2
 
     def __post_init__(self) -> None:
         for name in ("eps", "drop_tol", "h_first", "h_max", "rest_speed"):
@@ -94,6 +96,8 @@ class StepperOptions:
                 raise ValueError(f"{name} = {value!r}; it must be a positive number")
         if self.fixed_step is not None and not 0 < self.fixed_step < np.inf:
             raise ValueError(f"fixed_step = {self.fixed_step!r}; it must be a positive number")
+        if self.order not in (1, 2):
+            raise ValueError(f"order = {self.order!r}; choose 1 or 2")
         if self.friction not in ("paper", "corrected"):
             raise ValueError(f'friction = {self.friction!r}; choose "paper" or "corrected"')
 
@@ -110,6 +114,7 @@ def simulate(
     h_first: float = 1e-3,
     h_max: float = 0.02,
     rest_speed: float | None = None,
+    order: int = 2,
     progress: Callable[[float], None] | None = None,
 ) -> Run:
     """Simulate `scene` with `solver` in the loop, to `until` [s], its end time or rest.
@@ -129,6 +134,7 @@ def simulate(
         h_first=h_first,
         h_max=h_max,
         rest_speed=2 * eps if rest_speed is None else rest_speed,
+        order=order,
     )
     end = scene.end_time if until is None else float(until)
     if not (np.isfinite(end) and end > 0):
@@ -162,7 +168,7 @@ class Stepper:
         )
         self.t = 0.0
         self.q = scene.q0.ravel().copy()
-        self.history = History(scene.v0.ravel().copy())
+        self.history = History(scene.v0.ravel().copy(), options.order)
         self.lam_known = 0
         self.h_last = options.h_first
         self.slowest_approach = 1e-3 * options.drop_tol
