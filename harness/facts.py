@@ -24,7 +24,8 @@ RANK_TOL = 1e-10
 NOISE = 1e-12
 """‖A A⁺ d‖ below this fraction of ‖d‖ is rounding."""
 ASKED_RELATIVE = {"high": 1e-9, "default": 1e-6}
-"""Settings that ask for a fraction of `scale`; `paper` asks for each QP's own eps0."""
+"""Settings that ask for a fraction of `scale`; `paper` asks for each QP's own eps0.  A number in
+place of a name, such as 1e-6, is a fraction of `scale` too."""
 SETTINGS = ("paper", *ASKED_RELATIVE)
 DENSE_COLUMNS = 60
 """QPs of more columns are treated as sparse, here, by the error bound and by the oracle."""
@@ -70,9 +71,28 @@ class Facts:
         """
         if setting == "paper":
             return self.qp.eps0
-        if setting not in ASKED_RELATIVE:
-            raise ValueError(f"setting {setting!r} is unknown; choose from {', '.join(SETTINGS)}")
-        return ASKED_RELATIVE[setting] * self.scale
+        relative = ASKED_RELATIVE.get(setting)
+        return (float(setting_name(setting)) if relative is None else relative) * self.scale
+
+
+def setting_name(setting: str) -> str:
+    """A setting as it is stored: a name of `SETTINGS`, or a number written in one way, as 2.5e-4.
+
+    Raises ValueError for anything else.
+    """
+    if setting in SETTINGS:
+        return setting
+    try:
+        relative = float(setting)
+    except ValueError:
+        relative = np.nan
+    if not 0 < relative < 1:
+        raise ValueError(
+            f"setting {setting!r} is unknown; choose from {', '.join(SETTINGS)}, or give a number "
+            "between 0 and 1, such as 1e-6: the accuracy relative to the scale of the QP"
+        )
+    digits, exponent = f"{relative:e}".split("e")
+    return f"{float(digits):g}e{int(exponent)}"
 
 
 def facts_of(qp: ContactQP) -> Facts:

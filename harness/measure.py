@@ -1,7 +1,7 @@
 """One pass of one solver over a recorded sequence, with the clock around every call.
 
-1. A warm start is the solver's own last solution of the group step, iteration, corrector; it is
-   dropped at a restart.  Impulses and minimum-norm QPs start cold, as does every QP of a cold arm.
+1. What a solve is started from is the business of `harness.starts`; it is made ready before the
+   clock is read.
 2. The garbage collector runs before a pass and sleeps during it, so that no solver pays for
    another's litter.
 3. The solver's own clocks tell build, setup and solve; ours, around the whole call, `call_time`.
@@ -24,8 +24,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from harness.recording import Reference
+from harness.starts import Starts
 from problems.qp import ContactQP, Solution, Status, Vector, WorkCounts
-from problems.sequence import WARM_KINDS
 from solvers.base import Solver, Unsupported
 
 PATIENCE = 20
@@ -119,21 +119,23 @@ def run_pass(
     budget: float = float("inf"),
     advance: Callable[[int], None] | None = None,
 ) -> tuple[list[Outcome], NDArray[np.float64]]:
-    """Solve the sequence in order.
+    """Solve the sequence, in the order of the arm.
 
-    arm : "cold" or "warm", what each solve is started from
-    references : the oracle's answers, one per QP
+    arm : what each solve is started from, one of `harness.starts.EVERY_ARM`
+    references : the oracle's answers, one per QP; the arm "exact" starts from them
     time_limit : [s] beyond which a solve is a timeout, looked at after the call
     budget : [s] after which the pass ends early; the warm-up uses it
     advance : told now and then how many more QPs are done
 
-    Returns the outcomes and their times (n, 4) [s]: build, setup, solve, call; NaN where unknown.
+    Returns the outcomes in the order of the QPs, all of them but where the pass ended early, and
+    their times (n, 4) [s]: build, setup, solve, call; NaN where unknown.
+    Raises ValueError for an unknown arm.
     """
-    outcomes: list[Outcome] = []
+    starts = Starts(arm, qps, references)
+    outcomes: dict[int, Outcome] = {}
     times = np.full((len(qps), 4), np.nan)
-    last: Solution | None = None
     solution: Solution | None
-    fresh, slow, told = True, 0, 0
+    slow, told = 0, 0
     clock = time.perf_counter
     inputs = Inputs(qps)
     gc.collect()
@@ -141,16 +143,12 @@ def run_pass(
     gc.disable()
     began = clock()
     try:
-        for i, qp in enumerate(qps):
-            grouped = qp.kind in WARM_KINDS
-            if grouped and qp.restart:
-                last, fresh = None, True
-            start = last if arm == "warm" and grouped else None
-            alone = grouped and fresh
-            fresh = fresh and not grouped
+        for i in starts.order:
+            qp, alone = qps[i], bool(starts.alone[i])
+            start = starts.of(i)
             if slow >= PATIENCE:
                 text = f"not tried: {PATIENCE} solves in a row took more than {time_limit:g} s"
-                outcomes.append(Outcome("timeout", status_text=text, after_restart=alone))
+                outcomes[i] = Outcome("timeout", status_text=text, after_restart=alone)
                 continue
             t0 = clock()
             try:
@@ -160,7 +158,7 @@ def run_pass(
                 timing = solution.timing
                 times[i] = timing.build, timing.setup, timing.solve, t1 - t0
             except Unsupported as reason:
-                outcomes.append(Outcome("skipped", status_text=str(reason), after_restart=alone))
+                outcomes[i] = Outcome("skipped", status_text=str(reason), after_restart=alone)
                 continue
             except KeyboardInterrupt:
                 raise
@@ -171,21 +169,20 @@ def run_pass(
                 text = " ".join(f"{type(error).__name__}: {error}".split())
                 outcome = Outcome("failed", status_text=text, after_restart=alone)
                 solution = None
-            outcomes.append(outcome)
+            outcomes[i] = outcome
             slow = slow + 1 if t1 - t0 > time_limit else 0
-            if grouped:
-                last = solution
-            if advance is not None and (i & 31) == 31:
-                advance(i + 1 - told)
-                told = i + 1
+            starts.take(i, solution)
+            if advance is not None and len(outcomes) % 32 == 0:
+                advance(len(outcomes) - told)
+                told = len(outcomes)
             if t1 - began > budget:
                 break
     finally:
         if was_enabled:
             gc.enable()
     for i in inputs.restore():
-        if i < len(outcomes):
+        if i in outcomes:
             outcomes[i] = replace(outcomes[i], verdict="failed", status_text=WROTE, x=None)
     if advance is not None:
         advance(len(outcomes) - told)
-    return outcomes, times
+    return [outcomes[i] for i in sorted(outcomes)], times

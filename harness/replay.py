@@ -3,7 +3,7 @@
 For each recording and each accuracy setting:
 
 1. Pose the QPs with the accuracy of the setting; know their rank, scale and reference.
-2. Line up the runs: each solver cold, and warm if it has a warm start.
+2. Line up the runs: each solver in each arm that it has (`harness.starts`).
 3. Go round all runs, one pass each, and round again until each has its repeats: what drifts on the
    machine drifts for all.  A short warm-up comes before a run's first pass.  A run whose pass takes
    more than `slow_pass` seconds is not repeated.
@@ -26,12 +26,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from harness.facts import SETTINGS, Facts, facts_of
+from harness.facts import Facts, facts_of, setting_name
 from harness.judge import judge
 from harness.machine import machine_label, solver_version
 from harness.measure import Outcome, run_pass
 from harness.record import Progress
 from harness.recording import Recording, read_recording
+from harness.starts import ARMS, has_arm
 from harness.store import Shard, ShardKey, Store, read_results
 from harness.threads import one_thread
 from problems.qp import ContactQP, WorkCounts
@@ -39,7 +40,6 @@ from solvers import make_solver
 from solvers.base import Solver
 from solvers.registry import solver_class
 
-ARMS = ("cold", "warm")
 WARM_UP = 1.0
 """Longest warm-up of a run [s]."""
 
@@ -83,7 +83,8 @@ def replay(
 
     recordings : one or more, or their paths
     solvers : names, such as "daqp" or "lotstedt[exact_qr]"
-    settings : of "paper", "high", "default";  arms : of "cold", "warm"
+    settings : of "paper", "high", "default" (`harness.facts`), or numbers such as "1e-6"
+    arms : of `harness.starts.EVERY_ARM`
     results : folder that is written to or continued; None: only the rows are returned
     repeats : timed passes of each run;  time_limit : [s] per solve
     slow_pass : [s] a run whose pass takes longer is not repeated
@@ -92,10 +93,10 @@ def replay(
     Raises ValueError for unknown names, ImportError where a solver's package is absent, and
     StoreError where `results` holds something that may not be mixed with this.
     """
-    for given, known, what in ((settings, SETTINGS, "setting"), (arms, ARMS, "arm")):
-        for name in given:
-            if name not in known:
-                raise ValueError(f"{what} {name!r} is unknown; choose from {', '.join(known)}")
+    settings = list(dict.fromkeys(setting_name(setting) for setting in settings))
+    for name in solvers:
+        for arm in arms:
+            has_arm(solver_class(name), arm)  # raises for an unknown one
     if repeats < 1:
         raise ValueError(f"repeats = {repeats}; at least one pass is needed")
     if not time_limit > 0:
@@ -155,7 +156,9 @@ def reproduce(
         raise ValueError(
             f"{recording.scene} has the QPs 0 to {len(recording.qps) - 1}; not {index}"
         )
-    facts = [facts_of(qp) for qp in recording.qps[: index + 1]]
+    setting = setting_name(setting)
+    leading = recording.qps if arm == "shuffled" else recording.qps[: index + 1]
+    facts = [facts_of(qp) for qp in leading]
     posed = [_posed(f, setting) for f in facts]
     outcomes, times = run_pass(
         _make(solver, setting), posed, arm=arm, references=recording.references
@@ -248,7 +251,7 @@ def _runs(
     runs = []
     for name in solvers:
         for arm in arms:
-            if arm == "warm" and solver_class(name).warm_start == "none":
+            if not has_arm(solver_class(name), arm):
                 continue
             key = ShardKey(
                 scene=recording.scene,

@@ -16,8 +16,16 @@ from harness.cli.simulation import recorded
 def replay(
     files: Files,
     solvers: Solvers = "all",
-    settings: Annotated[str, typer.Option(help="of paper, high, default")] = "paper,high",
-    arms: Annotated[str, typer.Option(help="of cold, warm")] = "cold,warm",
+    settings: Annotated[
+        str, typer.Option(help="of paper, high, default, or numbers such as 1e-6")
+    ] = "paper,high",
+    arms: Annotated[
+        str,
+        typer.Option(
+            help="of cold, warm, exact, extrapolated, previous, stale5, stale20, corrupted, "
+            "shuffled"
+        ),
+    ] = "cold,warm",
     repeats: Annotated[int, typer.Option(min=1, help="timed passes of each run")] = 3,
     time_limit: Annotated[float, typer.Option(help="[s] per QP; beyond, it is a timeout")] = 1.0,
     qp: Annotated[
@@ -30,8 +38,10 @@ def replay(
     """Hand the identical recorded QPs to every backend; judge and time each answer.
 
     The accuracy asked, in ‖A δx‖: "paper" is each QP's own ε₀ (3.13), "high" 1e-9 of the scale of
-    the QP, "default" leaves the package its own tolerances and judges at 1e-6. A warm run starts
-    each QP from its own last answer. A folder that holds some of it already is continued.
+    the QP, "default" leaves the package its own tolerances and judges at 1e-6; a number is a
+    fraction of the scale, as 1e-9 is. A warm run starts each QP from its own last answer; the other
+    arms differ in the quality of what they start from. A folder that holds some of it already is
+    continued.
 
     Example:  glambda replay recordings/*.h5 --solvers lotstedt,daqp,osqp -o results
 
@@ -41,11 +51,12 @@ def replay(
     from harness.facts import SETTINGS
     from harness.progress import shown
     from harness.recording import read_recording
-    from harness.replay import ARMS, reproduce
     from harness.replay import replay as replay_all
+    from harness.replay import reproduce
+    from harness.starts import EVERY_ARM
 
     names = chosen_solvers(solvers)
-    chosen, runs = split_names(settings, list(SETTINGS)), split_names(arms, list(ARMS))
+    chosen, runs = split_names(settings, list(SETTINGS)), split_names(arms, list(EVERY_ARM))
     recordings = [read_recording(path) for path in files]
     if qp is not None:
         for recording in recordings:

@@ -29,7 +29,16 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from problems.qp import ContactQP, Solution, Status, Vector, positions_of, working_set_of
+from problems.qp import (
+    AT_LOWER,
+    AT_UPPER,
+    ContactQP,
+    Solution,
+    Status,
+    Vector,
+    positions_of,
+    working_set_of,
+)
 from solvers.base import Answer, Solver, Start
 
 MANY = 30
@@ -209,7 +218,8 @@ class Built(NamedTuple):
     posed : the scaled problem
     arrays : the package's form of it, see `PackageSolver.arrays`
     carried : what the previous solve left, if it had the same unknowns in the same order
-    duals : (n,) its multipliers of the bounds in today's scale, 0 for new rows; None when cold
+    duals : (n,) its multipliers of the bounds in today's scale, 0 for new rows, or those that
+        belong to a start that comes without memory; None when cold
     """
 
     posed: Posed
@@ -260,6 +270,8 @@ class PackageSolver(Solver, abc.ABC):
             if old.m == posed.m and np.array_equal(old.rows, posed.rows):
                 carried = start.memory
             duals = _carried_duals(start.memory, posed)
+        elif start is not None and (start.previous >= 0).any():
+            duals = _bound_multipliers(posed)
         return Built(posed, self.arrays(posed), carried, duals)
 
     def read(self, qp: ContactQP, native: Native, result: Any) -> Answer:
@@ -293,6 +305,15 @@ def _carried_duals(carried: Carried, posed: Posed) -> Vector:
         rescale = (old.force / posed.force) ** 2 * (posed.unit[known] / old.unit[was])
         duals[known] = carried.duals[was] * rescale
     return duals
+
+
+def _bound_multipliers(posed: Posed) -> Vector:
+    """−Δ at the start, of rows at a bound where its sign is right; 0 elsewhere.  (n,)"""
+    x, members = posed.start, posed.working_set
+    assert x is not None and members is not None
+    duals = -(posed.q + posed.A.T @ (posed.A @ x))
+    right = ((members == AT_LOWER) & (duals < 0)) | ((members == AT_UPPER) & (duals > 0))
+    return np.where(right, duals, 0.0)
 
 
 def same_pattern(one: Any, other: Any) -> bool:

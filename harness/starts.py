@@ -1,0 +1,225 @@
+"""What each solve of a pass is started from: the arms of a replay.
+
+    cold          nothing
+    warm          the solver's own last solution, with whatever memory the solver put into it
+
+Beside them are arms that differ in the quality of the start alone:
+
+    exact         the reference's x and working set: what does it cost to verify an answer?
+    extrapolated  own last x, continued linearly in t from the last solution of an earlier time
+    previous      own last solution
+    stale5        own solution of 5 QPs ago
+    stale20       own solution of 20 QPs ago
+    corrupted     own last solution, x moved by ‖x‖ in a random direction, working set at random
+    shuffled      own last solution, the QPs visited in random order: a sequence in which a start
+                  should *not* help
+
+What holds for all of them:
+
+1. Only QPs of the warm group (step, iteration, corrector) are started, from solutions of that group
+   within one stretch between restarts; the first of a stretch is cold in every arm, and so are
+   impulses and minimum-norm problems.  `shuffled` knows no stretches: it starts all but its first.
+2. Rows are mapped by `row_id`, and x is clipped to today's bounds, by the solver (`solvers.base`).
+3. **Memory** (a native workspace, a factorization, multipliers) travels with the solution that it
+   belongs to, so in `warm` alone.  The other arms hand over x and the working set and nothing else:
+   what a solver keeps in its own memory is the solution that is to be replaced (DAQP's workspace
+   holds its working set), and an arm with a spared set-up is not comparable to one without.  So
+   `previous` against `warm` tells what memory is worth, and the others against `previous` and
+   `cold`, all set up afresh, what a start is.  A method that wants multipliers takes −Δ of the x it
+   is given.  Solvers whose warm start carries no x (`carries_x`) have none of these arms.
+4. Where an arm cannot be had (fewer than 5 solutions yet, no reference), the solve is cold and not
+   counted as warm-started.  `extrapolated` is `previous` where time stood still.
+5. Everything random is seeded by the number of the QP, so that all solvers meet the same.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.recording import Reference
+from problems.qp import (
+    AT_LOWER,
+    AT_UPPER,
+    FREE,
+    ContactQP,
+    Solution,
+    Status,
+    positions_of,
+    working_set_of,
+)
+from problems.sequence import WARM_KINDS
+from solvers.base import Solver, usable
+
+ARMS = ("cold", "warm")
+"""The two arms of every study."""
+FARTHEST = 20
+SEED = 1984
+
+
+class Past(NamedTuple):
+    """A QP of the stretch and the solver's own solution of it, without memory."""
+
+    qp: ContactQP
+    solution: Solution
+
+
+class Moment(NamedTuple):
+    """What is known when a QP is about to be solved.
+
+    number : of the QP in the recording;  past : of its stretch, oldest first, not empty
+    """
+
+    number: int
+    qp: ContactQP
+    reference: Reference | None
+    past: Sequence[Past]
+
+
+def _back(count: int) -> Callable[[Moment], Solution | None]:
+    """Own solution of `count` QPs ago."""
+    return lambda now: now.past[-count].solution if len(now.past) >= count else None
+
+
+def exact(now: Moment) -> Solution | None:
+    """The reference's x and working set, where there is a reference."""
+    if now.reference is None:
+        return None
+    x = now.reference.x.copy()
+    return Solution(x, now.qp.row_id, Status.SOLVED, working_set_of(now.qp, x))
+
+
+def extrapolated(now: Moment) -> Solution | None:
+    """x + w (x − x_before), w = (t_n − t)/(t − t_before); rows that x_before lacks stay."""
+    last = now.past[-1]
+    earlier = [past for past in now.past if past.qp.t < last.qp.t and past.solution.x is not None]
+    if not earlier or now.qp.t <= last.qp.t or last.solution.x is None:
+        return last.solution
+    before = earlier[-1]
+    assert before.solution.x is not None
+    w = (now.qp.t - last.qp.t) / (last.qp.t - before.qp.t)
+    place = positions_of(last.solution.row_id, before.solution.row_id)
+    known = place >= 0
+    x = last.solution.x.copy()
+    x[known] += w * (x[known] - before.solution.x[place[known]])
+    return replace(last.solution, x=x)
+
+
+def corrupted(now: Moment) -> Solution | None:
+    """x + ‖x‖ u with a random unit vector u, and each row in a random one of its possible sets."""
+    qp, last = now.past[-1]
+    if last.x is None:
+        return None
+    rng = np.random.default_rng([SEED, now.number])
+    noise = rng.standard_normal(qp.k)
+    noise *= np.linalg.norm(last.x) / max(float(np.linalg.norm(noise)), 1e-300)
+    drawn = rng.integers(-1, 2, qp.k)
+    impossible = ((drawn == AT_LOWER) & np.isinf(qp.lower)) | (
+        (drawn == AT_UPPER) & np.isinf(qp.upper)
+    )
+    drawn[impossible] = FREE
+    drawn[qp.lower == qp.upper] = AT_LOWER
+    return replace(last, x=last.x + noise, working_set=drawn.astype(np.int8))
+
+
+QUALITIES: dict[str, Callable[[Moment], Solution | None]] = {
+    "exact": exact,
+    "extrapolated": extrapolated,
+    "previous": _back(1),
+    "stale5": _back(5),
+    "stale20": _back(FARTHEST),
+    "corrupted": corrupted,
+    "shuffled": _back(1),
+}
+"""Arm → the start that it makes; best first, roughly."""
+EVERY_ARM = (*ARMS, *QUALITIES)
+
+
+def carries_x(solver: type[Solver]) -> bool:
+    """Whether a warm start of this solver carries x or a working set, not its workspace alone."""
+    return solver.warm_start not in ("none", "workspace")
+
+
+def has_arm(solver: type[Solver], arm: str) -> bool:
+    """Whether a solver can be run in an arm.
+
+    Raises ValueError for an unknown arm.
+    """
+    if arm not in EVERY_ARM:
+        raise ValueError(f"arm {arm!r} is unknown; choose from {', '.join(EVERY_ARM)}")
+    if arm in QUALITIES:
+        return carries_x(solver)
+    return arm == "cold" or solver.warm_start != "none"
+
+
+def order_of(arm: str, count: int) -> list[int]:
+    """Positions of the QPs in the order in which an arm visits them."""
+    if arm == "shuffled":
+        shuffled: list[int] = np.random.default_rng(SEED).permutation(count).tolist()
+        return shuffled
+    return list(range(count))
+
+
+def after_restart(qps: Sequence[ContactQP]) -> NDArray[np.bool_]:
+    """Which QPs of the warm group have no predecessor: the first of each stretch."""
+    first = np.zeros(len(qps), bool)
+    fresh = True
+    for i, qp in enumerate(qps):
+        if qp.kind in WARM_KINDS:
+            first[i] = fresh or qp.restart
+            fresh = False
+    return first
+
+
+class Starts:
+    """Hands out the starts of one pass in one arm, and is told every solution.
+
+    Raises ValueError for an unknown arm.
+    """
+
+    def __init__(
+        self,
+        arm: str,
+        qps: Sequence[ContactQP],
+        references: Sequence[Reference | None] | None = None,
+    ) -> None:
+        if arm not in EVERY_ARM:
+            raise ValueError(f"arm {arm!r} is unknown; choose from {', '.join(EVERY_ARM)}")
+        self.order = order_of(arm, len(qps))
+        self.alone = after_restart(qps)
+        self._arm, self._qps = arm, qps
+        self._references = references if references is not None else [None] * len(qps)
+        self._make = QUALITIES.get(arm)
+        self._last: Solution | None = None
+        self._past: deque[Past] = deque(maxlen=FARTHEST)
+
+    def of(self, index: int) -> Solution | None:
+        """What QP `index`, the next one, is started from."""
+        qp = self._qps[index]
+        if qp.kind not in WARM_KINDS:
+            return None
+        if self.alone[index] and self._arm != "shuffled":
+            self._last = None
+            self._past.clear()
+        if self._make is None:
+            return usable(self._last)
+        if not self._past:
+            return None
+        return usable(self._make(Moment(index, qp, self._references[index], self._past)))
+
+    def take(self, index: int, solution: Solution | None) -> None:
+        """The solver's own solution of QP `index`; None where it raised."""
+        qp = self._qps[index]
+        if qp.kind not in WARM_KINDS:
+            return
+        if self._make is None:
+            self._last = solution if self._arm == "warm" else None
+        elif solution is None:
+            self._past.clear()
+        else:
+            self._past.append(Past(qp, replace(solution, memory=None)))

@@ -1,0 +1,211 @@
+"""What each arm of a replay starts from, on sequences that are small enough to see."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from harness import replay
+from harness.facts import facts_of, setting_name
+from harness.measure import run_pass
+from harness.recording import Reference
+from harness.replay import reproduce
+from harness.starts import EVERY_ARM, QUALITIES, Starts, after_restart, has_arm, order_of
+from problems.qp import FREE, ContactQP, Solution
+from solvers import make_solver
+from solvers.registry import solver_class
+from tests.fake_recordings import fake_recording, solution_of
+from tests.random_qps import random_qp
+from tests.runs import scene_recording
+
+
+def stretch(times: list[float], kinds: str = "step") -> list[ContactQP]:
+    """One QP posed again and again, at these times; the first follows a restart."""
+    qp, _ = random_qp("two_sided", 3)
+    return [replace(qp, t=t, kind=kinds, restart=i == 0) for i, t in enumerate(times)]
+
+
+def walk(arm: str, qps: list[ContactQP], answers: list[np.ndarray]) -> dict[int, Solution | None]:
+    """The start that an arm hands over for each QP, the solver answering as told."""
+    starts = Starts(arm, qps)
+    given = {}
+    for i in starts.order:
+        given[i] = starts.of(i)
+        starts.take(i, solution_of(qps[i], answers[i], memory=f"of {i}"))
+    return given
+
+
+def numbered(qps: list[ContactQP]) -> list[np.ndarray]:
+    """x = (i, i, …) for QP i."""
+    return [np.full(qp.k, float(i)) for i, qp in enumerate(qps)]
+
+
+def first_entries(given: dict[int, Solution | None]) -> list[float | None]:
+    return [None if s is None else float(s.x[0]) for _, s in sorted(given.items())]
+
+
+def test_how_far_back() -> None:
+    qps = stretch([0.1 * i for i in range(22)])
+    answers = numbered(qps)
+    nothing: list[float | None] = [None]
+    assert first_entries(walk("cold", qps, answers)) == nothing * 22
+    assert first_entries(walk("previous", qps, answers)) == [None, *range(21)]
+    assert first_entries(walk("stale5", qps, answers)) == nothing * 5 + [*range(17)]
+    assert first_entries(walk("stale20", qps, answers)) == nothing * 20 + [0, 1]
+
+
+def test_memory_travels_in_warm_alone() -> None:
+    qps = stretch([0.1 * i for i in range(8)])
+    for arm in ("warm", *QUALITIES):
+        handed = [s.memory for s in walk(arm, qps, numbered(qps)).values() if s is not None]
+        assert handed or arm in ("exact", "stale20")
+        assert all((memory is not None) == (arm == "warm") for memory in handed)
+
+
+@pytest.mark.parametrize("arm", [arm for arm in EVERY_ARM if arm not in ("cold", "shuffled")])
+def test_a_stretch_ends_at_a_restart_and_impulses_stand_apart(arm: str) -> None:
+    qps = stretch([0.1 * i for i in range(30)])
+    qps[24] = replace(qps[24], restart=True)
+    qps[2] = replace(qps[2], kind="impulse")
+    known = Reference(np.zeros(qps[0].k), np.zeros(qps[0].m), 0.0)
+    references = [known] * 30
+    starts = Starts(arm, qps, references)
+    for i, answer in enumerate(numbered(qps)):
+        start = starts.of(i)
+        if i in (0, 2, 24):
+            assert start is None
+        elif start is not None and arm not in ("exact", "corrupted"):
+            assert start.x[0] != 2.0  # not from the impulse
+            assert i < 24 or start.x[0] >= 24
+        starts.take(i, solution_of(qps[i], answer))
+    assert np.flatnonzero(after_restart(qps)).tolist() == [0, 24]
+
+
+def test_extrapolation_is_linear_in_time_and_stands_where_time_stands() -> None:
+    qps = stretch([0.0, 0.1, 0.1, 0.4, 0.2])
+    x = [np.full(qp.k, value) for qp, value in zip(qps, [1.0, 2.0, 3.0, 7.0, 0.0], strict=True)]
+    given = first_entries(walk("extrapolated", qps, x))
+    # 1: one solution only; 2: no time has passed; 3: from t = 0 and the later one of t = 0.1;
+    # 4: time went back
+    assert given == [None, 1.0, 2.0, pytest.approx(3.0 + 3 * (3.0 - 1.0)), 7.0]
+
+
+def test_extrapolation_maps_rows() -> None:
+    qps = stretch([0.0, 0.1, 0.2])
+    k = qps[0].k
+    qps[1] = replace(qps[1], row_id=qps[0].row_id[::-1].copy())
+    new = np.r_[10**6, qps[0].row_id[1:]]
+    qps[0] = replace(qps[0], row_id=new)
+    before, last = np.arange(k, dtype=float), np.full(k, 100.0)
+    start = walk("extrapolated", qps, [before, last, last])[2]
+    expected = 2 * last - before[::-1]
+    expected[-1] = 100.0  # unknown before
+    np.testing.assert_allclose(start.x, expected)
+
+
+def test_the_corrupted_start_is_far_off_feasible_and_the_same_for_all() -> None:
+    qps = stretch([0.0, 0.1, 0.2])
+    answers = [np.full(qp.k, 2.0) for qp in qps]
+    once, again = (walk("corrupted", qps, answers) for _ in range(2))
+    for i in (1, 2):
+        start = once[i]
+        assert np.linalg.norm(start.x - 2.0) == pytest.approx(np.linalg.norm(answers[i]))
+        np.testing.assert_array_equal(start.x, again[i].x)
+        np.testing.assert_array_equal(start.working_set, again[i].working_set)
+    assert not np.array_equal(once[1].x, once[2].x)
+    free, _ = random_qp("bilateral", 0)
+    qps = [replace(free, t=t, restart=t == 0) for t in (0.0, 0.1)]
+    start = walk("corrupted", qps, [np.ones(free.k)] * 2)[1]
+    for bound, member in ((free.lower, -1), (free.upper, 1)):
+        assert not (start.working_set[np.isinf(bound)] == member).any()
+
+
+def test_exact_starts_from_the_reference_and_its_working_set() -> None:
+    made = fake_recording()
+    starts = Starts("exact", made.qps, made.references)
+    for i, (qp, known) in enumerate(zip(made.qps, made.references, strict=True)):
+        start = starts.of(i)
+        if qp.kind == "step" and not starts.alone[i] and known is not None:
+            np.testing.assert_array_equal(start.x, known.x)
+            assert (
+                (start.working_set == FREE) == (qp.lower < known.x) & (known.x < qp.upper)
+            ).all()
+        else:
+            assert start is None
+        starts.take(i, solution_of(qp, np.zeros(qp.k)))
+
+
+def test_shuffled_visits_all_once_and_starts_from_the_last_visited() -> None:
+    qps = stretch([0.1 * i for i in range(12)])
+    order = order_of("shuffled", 12)
+    assert sorted(order) == list(range(12)) and order != list(range(12))
+    given = walk("shuffled", qps, numbered(qps))
+    assert given[order[0]] is None
+    for before, now in pairwise(order):
+        assert given[now].x[0] == before
+
+
+def test_outcomes_of_a_shuffled_pass_are_in_the_order_of_the_qps() -> None:
+    qps = [qp for qp in scene_recording("fig4").qps if qp.kind == "step"][:40]
+    solver = make_solver("velocity")
+    cold, _ = run_pass(solver, qps, arm="cold")
+    shuffled, times = run_pass(solver, qps, arm="shuffled")
+    assert np.isfinite(times).all() and len(shuffled) == len(qps)
+    for qp, one, other in zip(qps, cold, shuffled, strict=True):
+        np.testing.assert_allclose(qp.A @ one.x, qp.A @ other.x, atol=1e-9 * np.abs(qp.d).max())
+
+
+@pytest.mark.parametrize("solver", ["lotstedt", "velocity", "daqp", "osqp", "proxqp", "scs"])
+def test_every_start_leads_to_the_same_answer_and_a_better_one_to_less_work(solver: str) -> None:
+    recording = scene_recording("fig4")
+    part = replace(recording, qps=recording.qps[:40], references=recording.references[:40],
+                   solutions=recording.solutions[:40])  # fmt: skip
+    rows = replay(part, [solver], ["high"], EVERY_ARM, repeats=1, time_limit=60.0)
+    assert (rows["verdict"] == "verified").all()
+    assert set(rows["arm"]) == set(EVERY_ARM)
+    served = rows[rows["warm_started"] & (rows["k"] > 0) & ~rows["after_restart"]]
+    shared = set.intersection(
+        *(set(served.loc[served["arm"] == arm, "problem"]) for arm in ("exact", "previous"))
+    )
+    rows = rows[rows["problem"].isin(shared)]
+    work = rows.groupby("arm")["iterations"].sum()
+    assert len(shared) > 20
+    assert work["exact"] < work["cold"]
+    assert work["exact"] <= work["previous"] <= work["corrupted"]
+
+
+def test_who_has_which_arms() -> None:
+    assert all(has_arm(solver_class("lotstedt"), arm) for arm in EVERY_ARM)
+    assert [arm for arm in EVERY_ARM if has_arm(solver_class("clarabel"), arm)] == ["cold", "warm"]
+    assert [arm for arm in EVERY_ARM if has_arm(solver_class("quadprog"), arm)] == ["cold"]
+    with pytest.raises(ValueError, match="arm 'tepid' is unknown; choose from cold, warm, exact"):
+        has_arm(solver_class("lotstedt"), "tepid")
+
+
+@pytest.mark.parametrize("arm", ["shuffled", "stale5", "exact"])
+def test_a_row_of_any_arm_can_be_had_again(arm: str) -> None:
+    made = fake_recording(length=12)
+    rows = replay(made, ["lotstedt"], ["1e-4"], [arm], repeats=1).set_index("step")
+    row = reproduce(made, "lotstedt", "1e-4", arm, 8)
+    for name in ("verdict", "glambda_error", "asked", "warm_started", "descent_directions"):
+        assert row[name] == rows.loc[8, name]
+
+
+@pytest.mark.parametrize(
+    ("given", "stored"),
+    [("1e-6", "1e-6"), ("1E-06", "1e-6"), ("0.00025", "2.5e-4"), (".5", "5e-1"), ("high", "high")],
+)
+def test_numbers_are_settings_and_have_one_spelling(given: str, stored: str) -> None:
+    assert setting_name(given) == stored
+    facts = facts_of(random_qp("full_rank", 0)[0])
+    if given != "high":
+        assert facts.asked(given) == pytest.approx(float(given) * facts.scale)
+
+
+@pytest.mark.parametrize("given", ["loose", "0", "1", "-1e-3", "nan", "inf", ""])
+def test_other_settings_are_refused(given: str) -> None:
+    with pytest.raises(ValueError, match="is unknown; choose from paper, high, default, or give"):
+        setting_name(given)
