@@ -140,7 +140,8 @@ class SparseCall(NamedTuple):
 def remember(room: Workspace | SparseWorkspace, start: Start) -> None:
     """Make `room` as if the solution of `start`, which is not from such a room, had been there."""
     k = start.x.size
-    room.I[COUNTS, [OLD_K, OLD_ORDER, AGE]] = k, -1, 0
+    counts = room.I[COUNTS]
+    counts[OLD_K], counts[OLD_ORDER], counts[AGE] = k, -1, 0
     room.I[OLD_ROW, :k] = start.previous
     room.I[OLD_MEMBER, :k] = start.working_set
     room.S[X, :k] = start.x
