@@ -11,10 +11,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from rich.console import Console
-from rich.text import Text
 
 from harness.criterion import Measurement
-from harness.display import table as rich_table
 from harness.examination import Examination
 from reports.criterion_enumeration import enumeration_table
 from reports.criterion_estimates import (
@@ -29,7 +27,7 @@ from reports.criterion_growth import age_table, growth_table, premise_table
 from reports.criterion_kept import kept_factors_table, kept_runs_table, plot_kept
 from reports.criterion_minimum_norm import minimum_norm_table
 from reports.criterion_sweep import costs_table, interval_table, regret_table, runs_table
-from reports.table import Table
+from reports.table import Table, print_tables
 
 
 def tables_of(measured: Sequence[Measurement]) -> list[Table]:
@@ -65,13 +63,7 @@ def print_criterion(
     console: Console, measured: Sequence[Measurement], examination: Examination | None = None
 ) -> None:
     """Print every table with its notes."""
-    for table in [*tables_of(measured), *examination_tables(examination)]:
-        shown = table.display()
-        columns = [f">{name}" if table.numeric(name) else name for name in shown.columns]
-        console.print(rich_table(table.title, columns, shown.to_numpy().tolist()))
-        for note in table.notes:
-            console.print(Text(f"  {note}"))
-        console.print()
+    print_tables(console, [*tables_of(measured), *examination_tables(examination)])
 
 
 def write_criterion(

@@ -19,9 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 from rich.console import Console
-from rich.text import Text
 
-from harness.display import table as rich_table
 from harness.growth import FIT_FROM, STEP, STEPS, exponent, usable
 from harness.machine import machine_label
 from reports.findings import join
@@ -39,7 +37,7 @@ from reports.style import (
     drawing,
     save,
 )
-from reports.table import Table, percent, short, times, whole
+from reports.table import Table, percent, print_tables, short, times, whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -293,15 +291,8 @@ def _plain(family: str) -> str:
 
 def print_growth(console: Console, points: pd.DataFrame) -> None:
     """Print every table but those of whole calls, with their notes."""
-    for table in tables_of(points):
-        if table.name.startswith("growth_calls"):
-            continue
-        shown = table.display()
-        columns = [f">{name}" if table.numeric(name) else name for name in shown.columns]
-        console.print(rich_table(table.title, columns, shown.to_numpy().tolist()))
-        for note in table.notes:
-            console.print(Text(f"  {note}"))
-        console.print()
+    tables = tables_of(points)
+    print_tables(console, (table for table in tables if "growth_calls" not in table.name))
 
 
 def write_growth(points: pd.DataFrame, folder: str | Path) -> Path:

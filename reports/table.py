@@ -7,12 +7,16 @@ the note stands under the table that shows it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from rich.console import Console
+from rich.text import Text
+
+from harness.display import table as rich_table
 
 Format = Callable[[Any], str]
 
@@ -60,6 +64,17 @@ class Table:
     def to_csv(self) -> str:
         """The numbers as measured, one header line."""
         return self.data.to_csv(index=False, lineterminator="\n", float_format="%.12g")
+
+
+def print_tables(console: Console, tables: Iterable[Table]) -> None:
+    """Print tables with their notes below."""
+    for table in tables:
+        shown = table.display()
+        columns = [f">{name}" if table.numeric(name) else name for name in shown.columns]
+        console.print(rich_table(table.title, columns, shown.to_numpy().tolist()))
+        for note in table.notes:
+            console.print(Text(f"  {note}"))
+        console.print()
 
 
 def _unknown(value: Any) -> bool:

@@ -89,3 +89,27 @@ def _sizes(text: str) -> list[int]:
     if not sizes or not all(size.isdecimal() for size in sizes):
         raise ValueError(f"--bodies {text!r}: give whole numbers with commas between")
     return [int(size) for size in sizes]
+
+
+@app.command()
+@told
+def stability(
+    output: Annotated[Path, typer.Option("-o", "--output", help="folder")] = Path("stability"),
+) -> None:
+    """Figure 1: where are the compound methods stable? Roots, and runs of the stepper itself.
+
+    Example:  glambda stability -o stability
+    """
+    from harness.progress import shown
+    from harness.stability import CORNERS, check, measured_run, points_to_check
+    from reports.stability import runs_table, write_stability
+    from reports.table import print_tables
+    from solvers import make_solver
+
+    solver = make_solver("lotstedt")
+    with shown("stability", terminal(err=True)) as tell:
+        checked = check(solver, points_to_check(), progress=tell)
+        corners = [measured_run(solver, order, D, K) for order in (1, 2) for D, K in CORNERS]
+    page = write_stability(checked, corners, output)
+    print_tables(terminal(), [runs_table(checked)])
+    typer.echo(str(page))

@@ -1,0 +1,21 @@
+"""What is said of the clock and of the machine's pace."""
+
+from __future__ import annotations
+
+import time
+
+from harness.calibration import calibrate, clock_facts
+
+
+def test_the_clock_is_measured_by_what_it_can_tell_apart() -> None:
+    facts = clock_facts()
+    assert 0 < facts.resolution < 1e-3
+    assert 0 < facts.reading < 1e-3
+    # the whole call holds at least what is booked as setup + solve
+    assert 0 <= facts.empty_runtime < facts.empty_call
+
+
+def test_the_calibration_takes_no_longer_than_the_clock_says() -> None:
+    began = time.perf_counter()
+    measured = calibrate()
+    assert 0 < measured <= time.perf_counter() - began
