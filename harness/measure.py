@@ -5,8 +5,9 @@
 2. The garbage collector runs before a pass and sleeps during it, so that no solver pays for
    another's litter.
 3. The solver's own clocks tell build, setup and solve; ours, around the whole call, `call_time`.
-4. A backend that raises, or returns no Solution, loses that QP, not the pass.  One that has
-   overstepped the time limit `PATIENCE` times in a row is not tried on the rest.
+4. A backend that raises, or returns no Solution, loses that QP, not the pass; running out of
+   memory or leaving the program (`FATAL`) is a crash.  One that has overstepped the time limit
+   `PATIENCE` times in a row is not tried on the rest.
 5. After the pass the QPs are compared with what they were (`Inputs`): one that a backend has
    written into, which compiled code can, is put right, and the backend loses that QP.
 """
@@ -15,7 +16,7 @@ from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -31,6 +32,12 @@ from solvers.base import Solver, Unsupported
 PATIENCE = 20
 """Solves in a row beyond the time limit after which the rest of a pass is given up."""
 
+FATAL = (MemoryError, SystemExit)
+"""What would have ended a program that does not expect it."""
+
+CLOCK = time.perf_counter
+"""Bound once, so that a backend that puts another one into `time` does not put it here."""
+
 WROTE = "wrote into the QP that it was given; the answer is not judged"
 
 
@@ -38,7 +45,8 @@ WROTE = "wrote into the QP that it was given; the answer is not judged"
 class Outcome:
     """What came of one call, without the solver's memory.
 
-    verdict : "skipped", "failed" or "timeout" where that is settled before any judging, else None
+    verdict : "skipped", "failed", "timeout" or "crashed" where that is settled before any judging,
+        else None
     status : name of the solver's Status, empty if it was not reached
     warm_started : whether a start was handed over
     after_restart : whether this QP of the warm group has no predecessor
@@ -53,6 +61,19 @@ class Outcome:
     work: WorkCounts | None = None
     warm_started: bool = False
     after_restart: bool = False
+
+
+class Watch:
+    """Is told of a pass as it goes on, outside the clock.  This one takes no notice."""
+
+    def begin(self, position: int) -> None:
+        """The QP at this position of the order is about to be solved."""
+
+    def end(self, index: int, outcome: Outcome, times: NDArray[np.float64]) -> None:
+        """QP `index` has this outcome in these times (4,).  After the pass it may be told anew."""
+
+
+UNWATCHED = Watch()
 
 
 def _outcome_of(
@@ -117,7 +138,8 @@ def run_pass(
     references: Sequence[Reference | None] | None = None,
     time_limit: float = float("inf"),
     budget: float = float("inf"),
-    advance: Callable[[int], None] | None = None,
+    first: int = 0,
+    watch: Watch = UNWATCHED,
 ) -> tuple[list[Outcome], NDArray[np.float64]]:
     """Solve the sequence, in the order of the arm.
 
@@ -125,31 +147,37 @@ def run_pass(
     references : the oracle's answers, one per QP; the arm "exact" starts from them
     time_limit : [s] beyond which a solve is a timeout, looked at after the call
     budget : [s] after which the pass ends early; the warm-up uses it
-    advance : told now and then how many more QPs are done
+    first : where in the order to begin; what lies before it counts as never solved
+    watch : told of each QP
 
-    Returns the outcomes in the order of the QPs, all of them but where the pass ended early, and
-    their times (n, 4) [s]: build, setup, solve, call; NaN where unknown.
+    Returns the outcomes of the QPs that were come to, in the order of the recording, and the times
+    of all (n, 4) [s]: build, setup, solve, call; NaN where unknown.
     Raises ValueError for an unknown arm.
     """
-    starts = Starts(arm, qps, references)
+    starts = Starts(arm, qps, references, first)
     outcomes: dict[int, Outcome] = {}
     times = np.full((len(qps), 4), np.nan)
     solution: Solution | None
-    slow, told = 0, 0
-    clock = time.perf_counter
+    slow, clock = 0, CLOCK
     inputs = Inputs(qps)
     gc.collect()
     was_enabled = gc.isenabled()
     gc.disable()
+
+    def come_to(i: int, outcome: Outcome) -> None:
+        outcomes[i] = outcome
+        watch.end(i, outcome, times[i])
+
     began = clock()
     try:
-        for i in starts.order:
+        for position, i in enumerate(starts.order[first:], first):
             qp, alone = qps[i], bool(starts.alone[i])
             start = starts.of(i)
             if slow >= PATIENCE:
                 text = f"not tried: {PATIENCE} solves in a row took more than {time_limit:g} s"
-                outcomes[i] = Outcome("timeout", status_text=text, after_restart=alone)
+                come_to(i, Outcome("timeout", status_text=text, after_restart=alone))
                 continue
+            watch.begin(position)
             t0 = clock()
             try:
                 solution = solver.solve(qp, start)
@@ -158,7 +186,7 @@ def run_pass(
                 timing = solution.timing
                 times[i] = timing.build, timing.setup, timing.solve, t1 - t0
             except Unsupported as reason:
-                outcomes[i] = Outcome("skipped", status_text=str(reason), after_restart=alone)
+                come_to(i, Outcome("skipped", status_text=str(reason), after_restart=alone))
                 continue
             except KeyboardInterrupt:
                 raise
@@ -166,15 +194,13 @@ def run_pass(
             except BaseException as error:
                 t1 = clock()
                 times[i, 3] = t1 - t0
+                verdict = "crashed" if isinstance(error, FATAL) else "failed"
                 text = " ".join(f"{type(error).__name__}: {error}".split())
-                outcome = Outcome("failed", status_text=text, after_restart=alone)
+                outcome = Outcome(verdict, status_text=text, after_restart=alone)
                 solution = None
-            outcomes[i] = outcome
+            come_to(i, outcome)
             slow = slow + 1 if t1 - t0 > time_limit else 0
             starts.take(i, solution)
-            if advance is not None and len(outcomes) % 32 == 0:
-                advance(len(outcomes) - told)
-                told = len(outcomes)
             if t1 - began > budget:
                 break
     finally:
@@ -182,7 +208,5 @@ def run_pass(
             gc.enable()
     for i in inputs.restore():
         if i in outcomes:
-            outcomes[i] = replace(outcomes[i], verdict="failed", status_text=WROTE, x=None)
-    if advance is not None:
-        advance(len(outcomes) - told)
+            come_to(i, replace(outcomes[i], verdict="failed", status_text=WROTE, x=None))
     return [outcomes[i] for i in sorted(outcomes)], times

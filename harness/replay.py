@@ -29,7 +29,7 @@ import pandas as pd
 from harness.facts import Facts, facts_of, setting_name
 from harness.judge import judge
 from harness.machine import machine_label, solver_version
-from harness.measure import Outcome, run_pass
+from harness.measure import Outcome, Watch, run_pass
 from harness.record import Progress
 from harness.recording import Recording, read_recording
 from harness.starts import ARMS, has_arm
@@ -202,6 +202,18 @@ class _Counter:
             self.progress(what, self.done, self.total)
 
 
+class _Teller(Watch):
+    """Tells how many QPs more are done, now and then."""
+
+    def __init__(self, advance: Callable[[int], None]) -> None:
+        self.advance, self.count = advance, 0
+
+    def end(self, index: int, outcome: Outcome, times: np.ndarray) -> None:
+        self.count += 1
+        if self.count % 32 == 0:
+            self.advance(32)
+
+
 class _Block:
     """One recording at one setting: the QPs as posed to every solver."""
 
@@ -225,7 +237,7 @@ class _Block:
         if not run.warmed:
             one_pass(budget=WARM_UP)
             run.warmed = True
-        outcomes, times = one_pass(advance=advance)
+        outcomes, times = one_pass(watch=_Teller(advance))
         if run.shard is None:
             rows: Sequence[Mapping[str, Any]] = [
                 _row(self.recording, self.setting, i, self.facts[i], outcome)

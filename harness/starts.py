@@ -37,6 +37,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -179,6 +180,8 @@ def after_restart(qps: Sequence[ContactQP]) -> NDArray[np.bool_]:
 class Starts:
     """Hands out the starts of one pass in one arm, and is told every solution.
 
+    first : where in the order the pass begins; whatever comes first has no predecessor
+
     Raises ValueError for an unknown arm.
     """
 
@@ -187,11 +190,15 @@ class Starts:
         arm: str,
         qps: Sequence[ContactQP],
         references: Sequence[Reference | None] | None = None,
+        first: int = 0,
     ) -> None:
         if arm not in EVERY_ARM:
             raise ValueError(f"arm {arm!r} is unknown; choose from {', '.join(EVERY_ARM)}")
         self.order = order_of(arm, len(qps))
         self.alone = after_restart(qps)
+        if first:
+            grouped = (i for i in self.order[first:] if qps[i].kind in WARM_KINDS)
+            self.alone[list(islice(grouped, 1))] = True
         self._arm, self._qps = arm, qps
         self._references = references if references is not None else [None] * len(qps)
         self._make = QUALITIES.get(arm)
