@@ -1,0 +1,298 @@
+"""One shard of a results folder as a Parquet file, and how a stranger's is read.
+
+A shard is one (recording, solver, setting, arm): a row per QP with `COLUMNS`, and after them the
+four times of every pass, `build_time_0`, …, `call_time_0`, `build_time_1`, … [s].  The file's
+metadata holds its `ShardKey` as JSON.
+
+The file is written without compression, with a checksum of every page, and with times in plain, so
+that each row takes `ROW_BYTES` bytes or more.  `read_shard` trusts nothing:
+
+1. Before any column is read: the key's fields and types, the file's name, the columns' names and
+   types, one block of rows, no compression, and no more rows than the file has room for.  So what
+   is read takes memory in proportion to the size of the file.
+2. Then: the checksums, the length of texts, the columns that repeat the key, and the columns that
+   sum up the passes.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple, get_type_hints
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+FORMAT_VERSION = 2
+METADATA = b"glambda"
+TIMES = ("build_time", "setup_time", "solve_time", "call_time")
+"""Columns of `Shard.passes` [s]."""
+
+COLUMNS: dict[str, pa.DataType] = {
+    # the first eight are qpbenchmark's
+    "problem": pa.string(),  # scene/000123
+    "solver": pa.string(),
+    "settings": pa.string(),  # paper, high or default
+    "runtime": pa.float64(),  # setup + solve [s], minimum over the passes
+    "found": pa.bool_(),  # the solver's claim
+    "primal_residual": pa.float64(),
+    "dual_residual": pa.float64(),
+    "duality_gap": pa.float64(),
+    # which QP
+    "scene": pa.string(),
+    "recording_digest": pa.string(),
+    "step": pa.int64(),  # position in the recording
+    "kind": pa.string(),
+    "accepted": pa.bool_(),
+    "restart": pa.bool_(),
+    "t": pa.float64(),
+    "m": pa.int64(),
+    "k": pa.int64(),
+    "rank": pa.int64(),
+    "arm": pa.string(),
+    # what came of it
+    "verdict": pa.string(),
+    "status_text": pa.string(),
+    "build_time": pa.float64(),  # the four times are of the fastest pass [s]
+    "setup_time": pa.float64(),
+    "solve_time": pa.float64(),
+    "call_time": pa.float64(),
+    "runtime_median": pa.float64(),
+    "iterations": pa.int64(),
+    "descent_directions": pa.int64(),
+    "working_set_changes": pa.int64(),
+    "qr_factorizations": pa.int64(),
+    "qr_updates": pa.int64(),
+    "cg_iterations": pa.int64(),
+    "flops": pa.int64(),
+    "glambda_error": pa.float64(),
+    "eps0_ratio": pa.float64(),
+    "error_bound": pa.float64(),
+    "objective_error": pa.float64(),
+    "lambda_distance": pa.float64(),
+    "machine": pa.string(),
+    "versions": pa.string(),
+    "study": pa.string(),
+    # beyond the contract
+    "status": pa.string(),  # name of the solver's Status; empty where it was not reached
+    "asked": pa.float64(),  # accuracy that the verdict is measured against, in ‖A δx‖
+    "scale": pa.float64(),  # unit of glambda_error
+    "warm_started": pa.bool_(),  # whether a start was handed to the solver
+    "after_restart": pa.bool_(),  # a QP of the warm group that has no predecessor
+    "repeats": pa.int64(),  # passes that were timed
+}
+"""One row per QP, in order."""
+
+FROM_KEY = ("scene", "recording_digest", "solver", "settings", "arm", "machine", "versions")
+FROM_PASSES = ("runtime", "runtime_median", "repeats", *TIMES)
+TEXTS = tuple(name for name, kind in COLUMNS.items() if kind == pa.string())
+TEXT_LIMIT = 2000
+"""Longest text in a row [bytes]; longer ones are cut when they are written."""
+KEY_LIMIT = 10_000
+"""Longest key [bytes], and most columns."""
+FILE_LIMIT = 1_000_000_000
+"""Largest file that is read [bytes]."""
+ROW_BYTES = 8 * (2 + 2 * len(TIMES))
+"""Bytes that a row takes at least: runtime, runtime_median, and the four times twice."""
+
+
+class StoreError(ValueError):
+    """A results folder that cannot be read or may not be added to, with the remedy."""
+
+
+@dataclass(frozen=True)
+class ShardKey:
+    """What a shard was made from and by.  Two shards of one name with different keys never mix.
+
+    time_limit : [s] beyond which a solve counts as timed out
+    versions : of the solver's package and of our code around it
+    """
+
+    scene: str
+    recording_digest: str
+    solver: str
+    settings: str
+    arm: str
+    versions: str
+    machine: str
+    time_limit: float
+    format_version: int = FORMAT_VERSION
+
+    @property
+    def name(self) -> str:
+        """File name of the shard, without its ending."""
+        return "__".join((self.scene, self.solver, self.settings, self.arm)).replace("/", "-")
+
+
+@dataclass(frozen=True, eq=False)
+class Shard:
+    """Rows of one (recording, solver, setting, arm).
+
+    rows : one mapping per QP; what comes from the key and the passes is left out
+    passes : (passes, n, 4) seconds, columns `TIMES`; NaN where nothing was run
+    study : which study it belongs to
+    """
+
+    key: ShardKey
+    rows: Sequence[Mapping[str, Any]]
+    passes: NDArray[np.float64]
+    study: str = ""
+
+
+class StoredShard(NamedTuple):
+    """A shard as it was read: columns `COLUMNS`, and passes as in `Shard`."""
+
+    key: ShardKey
+    rows: pa.Table
+    passes: NDArray[np.float64]
+
+
+def shard_bytes(shard: Shard) -> bytes:
+    """The content of the shard's file."""
+    key, (count, n, _) = shard.key, shard.passes.shape
+    data: dict[str, Any] = {name: [row.get(name) for row in shard.rows] for name in COLUMNS}
+    data |= {name: [getattr(key, name)] * n for name in FROM_KEY}
+    data |= {**summarise(shard.passes), "study": [shard.study] * n}
+    data |= {name: [_cut(text) for text in data[name]] for name in TEXTS}
+    times = _pass_columns(count)
+    data |= zip(times, shard.passes.transpose(0, 2, 1).reshape(len(times), n), strict=True)
+    schema = pa.schema([*COLUMNS.items(), *((name, pa.float64()) for name in times)])
+    arrays = [pa.array(data[field.name], type=field.type) for field in schema]
+    sink = pa.BufferOutputStream()
+    with pq.ParquetWriter(
+        sink,
+        schema,
+        compression="none",
+        use_dictionary=[name for name in COLUMNS if name not in FROM_PASSES],
+        write_statistics=False,
+        write_page_checksum=True,
+        store_schema=False,
+    ) as writer:
+        writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
+        writer.add_key_value_metadata({METADATA: json.dumps(asdict(key), sort_keys=True)})
+    return bytes(sink.getvalue())
+
+
+def read_shard(path: Path) -> StoredShard:
+    """Read and check a shard's file.
+
+    Raises StoreError, one line, for a file that is damaged, foreign, of another format, or whose
+    parts contradict each other.
+    """
+
+    def wrong(what: str) -> StoreError:
+        return StoreError(" ".join(f"{path}: {what}; delete it and replay again".split()))
+
+    if not path.is_file() or path.stat().st_size > FILE_LIMIT:
+        raise wrong(f"is no file of at most {FILE_LIMIT} bytes")
+    content = pa.BufferReader(path.read_bytes())
+    limits = {"thrift_string_size_limit": KEY_LIMIT, "thrift_container_size_limit": KEY_LIMIT}
+    try:
+        with pq.ParquetFile(content, **limits) as file:
+            key = _read_key(path, file.metadata.metadata, wrong)
+            count = _check_layout(file, content.size(), wrong)
+        with pq.ParquetFile(
+            content, read_dictionary=TEXTS, page_checksum_verification=True, **limits
+        ) as file:
+            table = file.read(use_threads=False)
+    except StoreError:
+        raise
+    # The bytes are foreign: pyarrow raises any of these on a damaged file.
+    except (OSError, ValueError, LookupError, TypeError, MemoryError, pa.ArrowException) as error:
+        raise wrong(f"cannot be read ({str(error)[:200]})") from None
+    for name in TEXTS:
+        lengths = pc.binary_length(table[name].combine_chunks().dictionary)
+        if len(lengths) and pc.max(lengths).as_py() > TEXT_LIMIT:
+            raise wrong(f"column {name} holds texts of more than {TEXT_LIMIT} bytes")
+    times = np.array([table[name].to_numpy() for name in _pass_columns(count)], np.float64)
+    passes = times.reshape(count, len(TIMES), table.num_rows).transpose(0, 2, 1)
+    rows = table.select(list(COLUMNS)).cast(pa.schema(list(COLUMNS.items())))
+    for name in FROM_KEY:
+        if rows[name].unique().to_pylist() not in ([], [getattr(key, name)]):
+            raise wrong(f"column {name} contradicts the key of the file")
+    for name, column in summarise(passes).items():
+        if not np.array_equal(rows[name].to_numpy(), column, equal_nan=True):
+            raise wrong(f"column {name} contradicts the times of the passes")
+    return StoredShard(key, rows, passes)
+
+
+def _read_key(path: Path, metadata: Any, wrong: Callable[[str], StoreError]) -> ShardKey:
+    """The key in the file's metadata, once it has the right fields and is that of this name."""
+    text = (metadata or {}).get(METADATA)
+    if text is None:
+        raise StoreError(f"{path}: is no shard of a glambda study; remove it from the folder")
+    try:
+        stored = json.loads(text)
+    except (ValueError, RecursionError):
+        raise wrong("its key is no JSON") from None
+    if not isinstance(stored, dict):
+        raise wrong("its key is no JSON object")
+    version = stored.get("format_version")
+    if version != FORMAT_VERSION:
+        raise StoreError(
+            f"{path}: has format {str(version)[:20]}, this glambda reads {FORMAT_VERSION}; "
+            "replay into an empty folder"
+        )
+    kinds = get_type_hints(ShardKey)
+    if {name: type(value) for name, value in stored.items()} != kinds:
+        raise wrong(f"its key needs the fields {', '.join(kinds)}, of their types")
+    key = ShardKey(**stored)
+    if path.stem != key.name:
+        raise wrong(f"it is the shard {key.name[:200]!r} under another name")
+    return key
+
+
+def _check_layout(file: pq.ParquetFile, size: int, wrong: Callable[[str], StoreError]) -> int:
+    """Look at names, types and sizes before any column is read; the number of passes."""
+    about, schema = file.metadata, file.schema_arrow
+    count = (len(schema) - len(COLUMNS)) // len(TIMES)
+    kinds = COLUMNS | dict.fromkeys(_pass_columns(count), pa.float64())
+    if schema.names != list(kinds) or count < 1:
+        raise wrong("has other columns than this version")
+    for name, kind in zip(schema.names, schema.types, strict=True):
+        if kind != kinds[name]:
+            raise wrong(f"column {name} has type {kind} instead of {kinds[name]}")
+    if about.num_rows * ROW_BYTES > size:
+        raise wrong(f"claims {about.num_rows} rows, more than its {size} bytes can hold")
+    if about.num_row_groups > 1:
+        raise wrong(f"has {about.num_row_groups} blocks of rows instead of one")
+    for group in range(about.num_row_groups):
+        for column in range(about.num_columns):
+            if about.row_group(group).column(column).compression != "UNCOMPRESSED":
+                raise wrong(f"column {schema.names[column]} is compressed")
+    return count
+
+
+def summarise(passes: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+    """Columns `FROM_PASSES` of (passes, n, 4) times: the fastest pass of each QP, and the median.
+
+    runtime is setup + solve; where those are unknown (a solve that raised) it is the whole call.
+    """
+    count, n, _ = passes.shape
+    runtime = passes[:, :, 1] + passes[:, :, 2]
+    runtime = np.where(np.isnan(runtime), passes[:, :, 3], runtime)
+    best = np.argmin(np.where(np.isnan(runtime), np.inf, runtime), axis=0)
+    fastest = passes[best, np.arange(n)]
+    columns = {
+        "runtime": runtime[best, np.arange(n)],
+        "runtime_median": np.median(runtime, axis=0),
+        "repeats": np.full(n, count),
+    }
+    columns.update({name: fastest[:, j] for j, name in enumerate(TIMES)})
+    return columns
+
+
+def _pass_columns(count: int) -> list[str]:
+    return [f"{name}_{number}" for number in range(count) for name in TIMES]
+
+
+def _cut(text: str | None) -> str | None:
+    """The text within `TEXT_LIMIT`."""
+    if text is None or len(text.encode()) <= TEXT_LIMIT:
+        return text
+    return text.encode()[: TEXT_LIMIT - 3].decode(errors="ignore") + "…"
