@@ -7,6 +7,8 @@ remedy.  GLAMBDA_DEBUG=1 shows the traceback instead.
 
 from __future__ import annotations
 
+import signal
+
 from harness.cli.app import app
 from harness.threads import ask_for_one_thread
 
@@ -23,4 +25,5 @@ from harness.cli import studies  # noqa: F401
 def main() -> None:
     """Entry point of the command `glambda`."""
     ask_for_one_thread()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends a study as Ctrl-C does
     app()
