@@ -9,10 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from harness.machine import problems_version, solver_version
 from harness.oracle import reference
 from harness.recording import Event, Recording
 from problems import simulate
+from problems.qp import TANGENT, ContactQP, Vector
 from solvers import make_solver
 
 Progress = Callable[[str, float, float], None]
@@ -79,6 +82,7 @@ def recording_of(
         qps=tuple(run.qps),
         solutions=tuple(run.solutions),
         references=tuple(references),
+        mu=tuple(_friction_coefficients(scene, qp) for qp in run.qps),
         polygons=tuple(tuple(body.polygons) for body in scene.bodies),
         t=run.t,
         q=run.q,
@@ -86,3 +90,12 @@ def recording_of(
         events=tuple(Event(float(e.t), str(e.kind), str(e.detail)) for e in run.event_log),
         counts={name: int(count) for name, count in run.counts.items()},
     )
+
+
+def _friction_coefficients(scene: Any, qp: ContactQP) -> Vector:
+    """mu of the bodies in contact for the tangent rows of `qp`, 0 for the others.  (k,)"""
+    mu = np.zeros(qp.k)
+    for row in np.flatnonzero(qp.feature[:, 4] == TANGENT):
+        corner_body, _, edge_body, *_ = qp.feature[row].tolist()
+        mu[row] = scene.mu_between(corner_body, edge_body)
+    return mu

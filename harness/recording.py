@@ -7,7 +7,7 @@ QP i owns the entries
 
     offset[i] … offset[i+1],   offset = cumulative sum of its size over the QPs
 
-with size m for d, D and references/Ax, k for lower, upper, row_id, feature, x and working_set,
+with size m for d, D and references/Ax, k for lower, upper, mu, row_id, feature, x and working_set,
 m·k for a dense A (row by row), A_nnz and k+1 for the parts of a sparse one (CSC), and l·k for the
 generators V.  In Python:
 
@@ -46,9 +46,15 @@ from harness.recording_layout import FIELDS, MAY_BE_INFINITE, check_lengths, pac
 from problems.qp import AT_LOWER, AT_UPPER, FREE, PASSIVE, ContactQP, Solution, Vector
 
 FORMAT = "glambda recording"
-VERSION = 1
+VERSION = 2
 REMEDY = "record the scene again with 'glambda record'"
 MEMBERS = (AT_LOWER, FREE, AT_UPPER, PASSIVE)
+
+
+PROOFS = ("exact", "bound", "ill-posed")
+"""What a reference rests on: the answer in exact arithmetic (`harness.proof`); the bound that
+trusts nobody (`harness.error_bound`), which holds up to rounding; the same, where the recorded data
+taken exactly have another answer, which any other rounding of them would change."""
 
 
 Wrong = Callable[[str, str], "RecordingError"]
@@ -72,11 +78,19 @@ class Reference:
     """The oracle's answer: A x* is unique, x is one of perhaps many.
 
     x : (k,);  Ax : (m,);  error_bound : bound on ‖Ax − A x*‖ of the recorded data
+    proof : one of `PROOFS`, what `error_bound` rests on
+
+    Raises ValueError for an unknown proof.
     """
 
     x: Vector
     Ax: Vector
     error_bound: float
+    proof: str = "bound"
+
+    def __post_init__(self) -> None:
+        if self.proof not in PROOFS:
+            raise ValueError(f"references/proof: {self.proof!r} is unknown; known: {PROOFS}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +100,7 @@ class Recording:
     scene : label, such as "fig4,mu_I=0.8";  parameters : everything that was chosen
     eps, gravity : of the run;  code_version : of the code that made it
     qps, solutions, references : one each per QP; a reference that was not accepted is None
+    mu : for each QP (k,), the friction coefficient of a tangent row's contact; 0 elsewhere
     polygons : for each body its convex polygons, (c, 2) corners in body coordinates [m]
     t : (n,), q, v : (n, bodies, 3)   the accepted steps
     events : `Event`s in order of time;  counts : the stepper's work counts
@@ -99,6 +114,7 @@ class Recording:
     qps: Sequence[ContactQP]
     solutions: Sequence[Solution]
     references: Sequence[Reference | None]
+    mu: Sequence[Vector]
     polygons: Sequence[Sequence[Vector]]
     t: Vector
     q: Vector

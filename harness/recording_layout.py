@@ -44,6 +44,7 @@ FIELDS: dict[str, Field] = {
     "qps/D": Field("<f8", (), "kg^1/2, kg^1/2 m", "diagonal of D, M = D^T D"),
     "qps/lower": Field("<f8", (), "SI", "lower bounds, -inf allowed"),
     "qps/upper": Field("<f8", (), "SI", "upper bounds, +inf allowed"),
+    "qps/mu": Field("<f8", (), "1", "friction coefficient of a tangent row's contact, else 0"),
     "qps/row_id": Field("<i8", (), "1", "identity of a row along the sequence"),
     "qps/feature": Field(
         "<i8", (len(FEATURE_FIELDS),), "1", "columns: " + ", ".join(FEATURE_FIELDS)
@@ -69,6 +70,7 @@ FIELDS: dict[str, Field] = {
     "references/x": Field("<f8", (), "SI", "the oracle's x, one of many where A lacks rank"),
     "references/Ax": Field("<f8", (), "SI", "the unique A x*; 0 where not accepted"),
     "references/error_bound": Field("<f8", (), "as A x", "bound on the error of references/Ax"),
+    "references/proof": Field("S", (), "", "exact, bound or ill-posed; empty where not accepted"),
     "bodies/polygon_count": Field("<i8", (), "1", "convex polygons of each body"),
     "bodies/corner_count": Field("<i8", (), "1", "corners of each polygon"),
     "bodies/corners": Field("<f8", (2,), "m", "corners in body coordinates, counter-clockwise"),
@@ -111,7 +113,7 @@ def check_lengths(
     }
     for name in ("qps/d", "qps/D", "references/Ax"):
         sizes[name] = sum(m)
-    for name in ("lower", "upper", "row_id", "feature"):
+    for name in ("lower", "upper", "mu", "row_id", "feature"):
         sizes[f"qps/{name}"] = sum(k)
     for name in ("solutions/x", "solutions/working_set", "references/x"):
         sizes[name] = sum(k)
@@ -139,13 +141,13 @@ def _join(parts: Sequence[Any], dtype: str, columns: tuple[int, ...] = ()) -> ND
 def pack(recording: Any) -> dict[str, NDArray[Any]]:
     """The arrays of `FIELDS` for a Recording.
 
-    Raises ValueError where its QPs, solutions and references do not belong together.
+    Raises ValueError where its QPs, solutions, references and mu do not belong together.
     """
     qps, solutions, references = recording.qps, recording.solutions, recording.references
-    if not len(qps) == len(solutions) == len(references):
+    if not len(qps) == len(solutions) == len(references) == len(recording.mu):
         raise ValueError(
-            f"{len(qps)} QPs need as many solutions and references; "
-            f"got {len(solutions)} and {len(references)}"
+            f"{len(qps)} QPs need as many solutions, references and mu; "
+            f"got {len(solutions)}, {len(references)} and {len(recording.mu)}"
         )
     for i, (qp, solution) in enumerate(zip(qps, solutions, strict=True)):
         if not np.array_equal(qp.row_id, solution.row_id):
@@ -162,6 +164,7 @@ def pack(recording: Any) -> dict[str, NDArray[Any]]:
         "qps/A_data": _join([A.data if sp.issparse(A) else A for A in matrices], "<f8"),
         "qps/A_indices": _join([A.indices for A in sparse], "<i8"),
         "qps/A_indptr": _join([A.indptr for A in sparse], "<i8"),
+        "qps/mu": _join(recording.mu, "<f8"),
         "qps/V_rows": [-1 if part is None else part.shape[0] for part in V],
         "qps/V_data": _join([part for part in V if part is not None], "<f8"),
         "solutions/answered": [s.x is not None for s in solutions],
@@ -177,6 +180,7 @@ def pack(recording: Any) -> dict[str, NDArray[Any]]:
         "solutions/work": _join([[getattr(w, n) for n in WORK] for w in work], "<i8", (len(WORK),)),
         "references/accepted": [ref is not None for ref in references],
         "references/error_bound": [0.0 if ref is None else ref.error_bound for ref in references],
+        "references/proof": ["" if ref is None else ref.proof for ref in references],
         "bodies/polygon_count": [len(body) for body in recording.polygons],
         "bodies/corner_count": [len(polygon) for polygon in flat],
         "bodies/corners": _join(flat, "<f8", (2,)),
@@ -212,8 +216,8 @@ def pack(recording: Any) -> dict[str, NDArray[Any]]:
 def unpack(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
     """The inverse of `pack`: the fields of a Recording by name.
 
-    References are tuples (x, Ax, error_bound) or None, events tuples (t, kind, detail).  Raises
-    ValueError or KeyError for values that the types refuse.
+    References are tuples (x, Ax, error_bound, proof) or None, events tuples (t, kind, detail).
+    Raises ValueError or KeyError for values that the types refuse.
     """
     text = {
         name: [value.decode() for value in array.tolist()]
@@ -228,7 +232,8 @@ def unpack(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
     for i, qp in enumerate(qps):
         x, Ax = take("references/x", qp.k), take("references/Ax", qp.m)
         bound = float(arrays["references/error_bound"][i])
-        references.append((x, Ax, bound) if arrays["references/accepted"][i] else None)
+        known = (x, Ax, bound, text["references/proof"][i])
+        references.append(known if arrays["references/accepted"][i] else None)
     sizes = iter(arrays["bodies/corner_count"].tolist())
     polygons = tuple(
         tuple(take("bodies/corners", next(sizes)) for _ in range(count))
@@ -240,6 +245,7 @@ def unpack(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
         "qps": qps,
         "solutions": solutions,
         "references": references,
+        "mu": tuple(take("qps/mu", qp.k) for qp in qps),
         "polygons": polygons,
         "t": arrays["motion/t"],
         "q": arrays["motion/q"],

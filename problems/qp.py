@@ -38,6 +38,9 @@ FEATURE_FIELDS = ("corner_body", "corner", "edge_body", "edge", "direction")
 """Columns of `ContactQP.feature`.  A body of −1 is the ground (or none).  `direction` is 0 for a
 normal, 1 for a tangent, 2, 3, … for the generators of a friction impulse."""
 
+NORMAL, TANGENT = 0, 1
+"""The `direction` of rows of their own; generators of an impulse follow."""
+
 LARGEST = 1e150
 """Greatest size of an entry of A or d: squares and sums of squares are finite."""
 

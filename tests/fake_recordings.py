@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from harness.recording import Event, Recording, Reference
+from harness.recording import PROOFS, Event, Recording, Reference
 from problems.qp import ContactQP, Solution, Status, WorkCounts, working_set_of
 from tests.random_qps import contact_sequence, random_qp
 
@@ -33,7 +33,7 @@ def fake_recording(scene: str = "fake", seed: int = 0, length: int = 6) -> Recor
         qp = replace(qp, kind=kind, restart=i == 3, t=0.01 * i, h=0.01, eps0=1e-6, generators=V)
         x = np.linalg.lstsq(qp.dense_A, Ax, rcond=None)[0]
         qps.append(qp)
-        references.append(Reference(x, Ax, 1e-14) if i != 4 else None)
+        references.append(Reference(x, Ax, 1e-14, PROOFS[i % 3]) if i != 4 else None)
         work = WorkCounts(1, 2, 3, 4, 5, 6) if i % 2 else None
         solutions.append(solution_of(qp, x, iterations=i, status_text="ok µ", work=work))
     solutions[1] = replace(solutions[1], x=None, status=Status.FAILED)
@@ -47,6 +47,7 @@ def fake_recording(scene: str = "fake", seed: int = 0, length: int = 6) -> Recor
         qps=tuple(qps),
         solutions=tuple(solutions),
         references=tuple(references),
+        mu=tuple(0.5 * (np.arange(qp.k) % 3 == 1) for qp in qps),
         polygons=[[np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])], [np.zeros((4, 2))] * 2],
         t=t,
         q=np.arange(18.0).reshape(3, 2, 3),

@@ -45,7 +45,9 @@ def assert_same(a: Recording, b: Recording) -> None:
         if left is not None and right is not None:
             np.testing.assert_array_equal(left.Ax, right.Ax)
             np.testing.assert_array_equal(left.x, right.x)
-            assert left.error_bound == right.error_bound
+            assert (left.error_bound, left.proof) == (right.error_bound, right.proof)
+    for mine, yours in zip(a.mu, b.mu, strict=True):
+        np.testing.assert_array_equal(mine, yours)
     for mine, yours in zip(a.polygons, b.polygons, strict=True):
         for p, q in zip(mine, yours, strict=True):
             np.testing.assert_array_equal(p, q)
@@ -73,6 +75,7 @@ def test_empty_recording(tmp_path: Path) -> None:
         qps=(),
         solutions=(),
         references=(),
+        mu=(),
         polygons=(),
         events=(),
         t=np.zeros(0),
@@ -119,7 +122,7 @@ def test_nothing_is_left_behind_by_a_write_that_fails(tmp_path: Path) -> None:
 
 def test_solutions_must_belong_to_their_qps(tmp_path: Path) -> None:
     made = fake_recording()
-    with pytest.raises(ValueError, match="11 QPs need as many solutions"):
+    with pytest.raises(ValueError, match="11 QPs need as many solutions, references and mu"):
         write_recording(tmp_path / "x.h5", replace(made, solutions=made.solutions[:-1]))
     swapped = replace(made.solutions[0], row_id=made.solutions[0].row_id + 1)
     with pytest.raises(ValueError, match="solution 0 has other row_ids"):
@@ -172,7 +175,7 @@ def test_absent_foreign_and_empty_files(tmp_path: Path) -> None:
 def test_other_version(file: Path) -> None:
     with h5py.File(file, "r+") as raw:
         raw.attrs["version"] = 99
-    assert "version: is 99; this glambda reads 1" in refusal(file)
+    assert "version: is 99; this glambda reads 2" in refusal(file)
 
 
 def test_missing_and_mistyped_fields(file: Path) -> None:
@@ -243,6 +246,12 @@ def test_bad_attributes_are_refused_even_if_signed(
         raw.attrs[name] = value
     sign_again(file)
     assert words in refusal(file)
+
+
+def test_an_unknown_proof_is_refused_even_if_signed(file: Path) -> None:
+    edit(file, "references/proof", lambda proof: np.array([b"my word"] * len(proof)))
+    sign_again(file)
+    assert "references/proof: 'my word' is unknown" in refusal(file)
 
 
 @pytest.mark.parametrize(

@@ -148,6 +148,7 @@ def make_recording(scene="fig2", bodies=2, steps=40, **parameters):
         qps=qps,
         solutions=solutions,
         references=[reference(qp) for qp in qps],
+        mu=[np.zeros(qp.k) for qp in qps],
         polygons=[[box]] * bodies,
         t=t,
         q=q,
