@@ -31,7 +31,7 @@ def machine_label() -> str:
     )
 
 
-SHARED = ("forms.py", "inner_options.py")
+SHARED = ("forms.py", "programs.py", "inner_options.py")
 """Modules beside an adapter that it may rest on."""
 
 

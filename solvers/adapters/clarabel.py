@@ -1,7 +1,7 @@
 """Clarabel, an interior-point method for conic problems with quadratic objectives.
 
 The problem is posed in normal form, min ½ xᵀP x + qᵀx, with one nonnegative row for each finite
-bound.  P may be singular.
+bound, or in any other of `programs`.  P may be singular.
 
 Accuracy: `tol_gap_abs` is the gap that `asked` allows, not below 1e-13 (further down Clarabel gives
 up now and then and answers worse); `tol_gap_rel` is 0, but for large QPs (`Posed.gap_share`), and
@@ -19,20 +19,13 @@ import clarabel
 import numpy as np
 
 from problems.qp import Status
-from solvers.adapters.forms import (
-    Built,
-    Native,
-    Outcome,
-    PackageSolver,
-    Posed,
-    bound_rows,
-    same_pattern,
-)
+from solvers.adapters.forms import Built, Native, Outcome, same_pattern
+from solvers.adapters.programs import Program, ProgramSolver, cones
 from solvers.base import Start
 
 
 @dataclass(frozen=True)
-class Clarabel(PackageSolver):
+class Clarabel(ProgramSolver):
     """Clarabel: interior point, data updated in place."""
 
     max_iterations: int = 200
@@ -53,13 +46,13 @@ class Clarabel(PackageSolver):
         "AlmostDualInfeasible": Status.UNBOUNDED,
     }
 
-    def arrays(self, posed: Posed) -> Any:
-        """P (upper triangle), q, rows G x + s = h for the finite bounds, s ≥ 0."""
-        return posed.P_upper, posed.q, *bound_rows(posed)
+    def pack(self, program: Program) -> Any:
+        """P (upper triangle), q, and rows G z + s = h, see `Cones`."""
+        return program.P_upper, program.q, *cones(program)
 
     def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
         """Update the data in place where their pattern is the same; else set up afresh."""
-        posed, arrays, carried, _ = problem
+        posed, arrays, carried, *_ = problem
         settings = clarabel.DefaultSettings()
         settings.verbose, settings.max_iter, settings.max_threads = False, self.max_iterations, 1
         settings.presolve_enable = False  # it forbids updates
@@ -68,15 +61,16 @@ class Clarabel(PackageSolver):
             settings.tol_gap_rel = posed.gap_share
             settings.tol_feas = posed.residual_tolerance(asked, 1e-13)
             settings.static_regularization_constant = 1e-12
-        P, q, G, h = arrays
+        P, q, G, h, equal, _ = arrays
         if carried is not None and all(
             same_pattern(carried.native.arrays[i], arrays[i]) for i in (0, 2)
         ):
             solver = carried.native.object
             solver.update(P=P.data, q=q, A=G.data, b=h, settings=settings)
         else:
-            cones = [clarabel.NonnegativeConeT(h.size)]
-            solver = clarabel.DefaultSolver(P, q, G, h, cones, settings)
+            kinds = [clarabel.ZeroConeT(equal)] if equal else []
+            kinds.append(clarabel.NonnegativeConeT(h.size - equal))
+            solver = clarabel.DefaultSolver(P, q, G, h, kinds, settings)
         return Native(posed, solver, arrays)
 
     def run(self, native: Native) -> Any:
@@ -85,4 +79,5 @@ class Clarabel(PackageSolver):
 
     def outcome(self, native: Native, result: Any) -> Outcome:
         """Clarabel's status and iterations."""
-        return Outcome(np.array(result.x), str(result.status), result.iterations)
+        y = native.arrays[-1].T @ np.array(result.z)
+        return Outcome(np.array(result.x), str(result.status), result.iterations, y)

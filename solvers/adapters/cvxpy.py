@@ -66,7 +66,7 @@ class CVXPY(PackageSolver):
 
     def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
         """The options of the inner solver."""
-        posed, (x, written), _, _ = problem
+        posed, (x, written), *_ = problem
         options: dict[str, Any] = {"solver": self.variant.upper(), "verbose": False}
         if asked is not None:
             options |= inner_options(self.variant, posed, asked)

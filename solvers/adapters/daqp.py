@@ -1,8 +1,9 @@
 """DAQP, a dual active-set method for small dense QPs (Arnström, Bemporad and Axehill 2022).
 
 The problem is posed in normal form, min ½ xᵀP x + qᵀx, lower ≤ x ≤ upper, with the bounds as simple
-bounds.  DAQP wants a definite P; where P = AᵀA is singular it adds proximal iterations of its own,
-x_{j+1} = argmin of the QP + ½ε‖x − x_j‖², which end at a solution of the QP itself.
+bounds, or in any other of `programs`.  DAQP wants a definite P; where it is singular it adds
+proximal iterations of its own, x_{j+1} = argmin of the QP + ½ε‖x − x_j‖², which end at a solution
+of the QP itself.
 
 Accuracy: `primal_tol` and `dual_tol` are the residual that `asked` allows, not below 1e-14.  The
 proximal iterations end at a step of 1e-14, `eta_prox`: a few per cent more iterations than with a
@@ -20,10 +21,11 @@ import daqp
 import numpy as np
 
 from problems.qp import AT_LOWER, AT_UPPER, Status
-from solvers.adapters.forms import MANY, Built, Native, Outcome, PackageSolver, Posed
+from solvers.adapters.forms import MANY, Built, Native, Outcome, Posed
+from solvers.adapters.programs import Program, ProgramSolver
 from solvers.base import Start
 
-_ACTIVE, _LOWER = 1, 2  # bits of DAQP's `sense`
+_ACTIVE, _LOWER, _EQUATION = 1, 2, 5  # bits of DAQP's `sense`
 
 
 def _step(posed: Posed) -> float:
@@ -32,7 +34,7 @@ def _step(posed: Posed) -> float:
 
 
 @dataclass(frozen=True)
-class DAQP(PackageSolver):
+class DAQP(ProgramSolver):
     """DAQP: dual active-set method, one `daqp.Model` updated along the sequence."""
 
     max_iterations: int = 10_000
@@ -50,17 +52,19 @@ class DAQP(PackageSolver):
         -7: Status.TIME_LIMIT,
     }
 
-    def arrays(self, posed: Posed) -> Any:
-        """P, q, no rows but the simple bounds, and `sense`, which marks the active ones."""
-        sense = np.zeros(posed.n, dtype=np.int32)
-        if posed.working_set is not None:
-            sense[posed.working_set == AT_UPPER] = _ACTIVE
-            sense[posed.working_set == AT_LOWER] = _ACTIVE | _LOWER
-        return posed.P, posed.q, np.zeros((0, posed.n)), posed.upper, posed.lower, sense
+    def pack(self, program: Program) -> Any:
+        """P, q, the rows after the simple bounds, and `sense`, which marks the active ones."""
+        members = program.members()
+        sense = np.zeros(members.size, dtype=np.int32)
+        sense[members == AT_UPPER] = _ACTIVE
+        sense[members == AT_LOWER] = _ACTIVE | _LOWER
+        sense[program.equations] = _EQUATION
+        rows = program.rows(slice(program.simple, None), sparse=False)
+        return program.P(sparse=False), program.q, rows, program.upper, program.lower, sense
 
     def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
         """Update the model of the previous solve, or make one that knows its working set."""
-        posed, arrays, carried, _ = problem
+        posed, arrays, carried, *_ = problem
         model = daqp.Model() if carried is None else carried.native.object
         settings: dict[str, float] = {"iter_limit": self.max_iterations}
         if asked is not None:
@@ -70,8 +74,9 @@ class DAQP(PackageSolver):
         if carried is None:
             model.setup(*arrays)
         else:
-            P, q, _, upper, lower, _ = arrays
-            model.update(H=P, f=q, bupper=upper, blower=lower)
+            P, q, rows, upper, lower, _ = arrays
+            matrix = {"A": rows} if rows.size else {}
+            model.update(H=P, f=q, bupper=upper, blower=lower, **matrix)
         return Native(posed, model)
 
     def run(self, native: Native) -> Any:
@@ -81,4 +86,4 @@ class DAQP(PackageSolver):
     def outcome(self, native: Native, result: Any) -> Outcome:
         """DAQP's exit flag and iterations."""
         x, _, flag, info = result
-        return Outcome(x if flag > 0 else None, flag, info["iterations"])
+        return Outcome(x if flag > 0 else None, flag, info["iterations"], info["lam"])

@@ -1,4 +1,4 @@
-"""Bringing a contact QP into the units and the form that a package wants.
+"""Bringing a contact QP into the units that a package wants.
 
 The problem is min ½‖A x + d‖², lower ≤ x ≤ upper.  Before any package sees it
 
@@ -9,13 +9,7 @@ The problem is min ½‖A x + d‖², lower ≤ x ≤ upper.  Before any package
    √k ‖δx̂‖ in A x / force, whatever the masses and h are, and tolerances mean something.
    All factors are powers of two: nothing is rounded.
 
-Then there are the forms of `solvers.base.Form`:
-
-    normal    ½ xᵀP x + qᵀx with P = AᵀA, q = Aᵀd.  The part of d that no contact can change has
-              gone from q, but the condition of A is squared.
-    residual  ½ yᵀy + qᵀx with y = A x as rows: what ½‖y‖², y = A x + d, becomes when the constant
-              and the invisible part of d are dropped.  Nothing is squared; m more unknowns.
-    velocity  (3.4) in r, strictly convex; x holds its multipliers.
+The forms in which a package may then be posed it (`solvers.base.Form`) are in `programs`.
 """
 
 from __future__ import annotations
@@ -32,6 +26,7 @@ from numpy.typing import NDArray
 from problems.qp import (
     AT_LOWER,
     AT_UPPER,
+    FREE,
     ContactQP,
     Solution,
     Status,
@@ -82,6 +77,21 @@ class Posed:
         """Number of unknowns."""
         return int(self.A.shape[1])
 
+    @property
+    def is_sparse(self) -> bool:
+        """Whether A is in CSC."""
+        return bool(sp.issparse(self.A))
+
+    @property
+    def members(self) -> NDArray[np.int8]:
+        """The working set to start from, FREE everywhere without a start.  (n,)"""
+        return np.full(self.n, FREE, np.int8) if self.working_set is None else self.working_set
+
+    @cached_property
+    def programs(self) -> dict[str, Any]:
+        """The QP in the forms of `programs`, as far as they were made."""
+        return {}
+
     @cached_property
     def q(self) -> Vector:
         """Aᵀd, the gradient at x = 0.  (n,)"""
@@ -92,6 +102,11 @@ class Posed:
         """AᵀA, dense and symmetric to the last bit.  (n, n)"""
         P = self.A.T @ self.A
         return P.toarray() if sp.issparse(P) else P
+
+    @cached_property
+    def P_sparse(self) -> sp.csc_matrix:
+        """AᵀA of a sparse A.  (n, n) CSC"""
+        return sp.csc_matrix(self.A.T @ self.A)
 
     @cached_property
     def P_upper(self) -> sp.csc_matrix:
@@ -120,14 +135,25 @@ class Posed:
         return sp.csc_matrix((self.A.T.ravel(), indices, pointers), shape=self.A.shape)
 
     @cached_property
+    def range(self) -> tuple[Vector, Vector, Vector]:
+        """U (m, rank), σ and Vᵀ (rank, n) with A = U Σ Vᵀ, without the σ that are rounding."""
+        U, sigma, Vt = np.linalg.svd(self.dense, full_matrices=False)
+        rank = int((sigma > 64 * np.finfo(float).eps * sigma[0]).sum())
+        return U[:, :rank], sigma[:rank], Vt[:rank]
+
+    @property
     def reduced(self) -> tuple[Vector, Vector]:
         """UᵀA and Uᵀd, A = U Σ Vᵀ: the same problem in an orthonormal basis of the range of A.
 
         The condition of A is kept, and d loses what no contact can change.  (rank, n), (rank,)
         """
-        U, sigma, Vt = np.linalg.svd(self.dense, full_matrices=False)
-        rank = int((sigma > 64 * np.finfo(float).eps * sigma[0]).sum())
-        return sigma[:rank, None] * Vt[:rank], U[:, :rank].T @ self.d
+        U, sigma, Vt = self.range
+        return sigma[:, None] * Vt, U.T @ self.d
+
+    @property
+    def visible_d(self) -> Vector:
+        """The part of d that contacts can change, U Uᵀd; all of d where A is sparse.  (m,)"""
+        return self.d if self.is_sparse else self.range[0] @ (self.range[0].T @ self.d)
 
     def residual_tolerance(self, asked: float, floor: float) -> float:
         """Bound for the largest entry of the KKT residual, in scaled units.
@@ -218,6 +244,7 @@ class Built(NamedTuple):
     posed : the scaled problem
     arrays : the package's form of it, see `PackageSolver.arrays`
     carried : what the previous solve left, if it had the same unknowns in the same order
+    guess : z and y that belong to the start in the form of a `programs.ProgramSolver`
     duals : (n,) its multipliers of the bounds in today's scale, 0 for new rows, or those that
         belong to a start that comes without memory; None when cold
     """
@@ -226,6 +253,7 @@ class Built(NamedTuple):
     arrays: Any
     carried: Carried | None
     duals: Vector | None
+    guess: tuple[Vector, Vector] | None = None
 
 
 class Outcome(NamedTuple):
@@ -261,6 +289,10 @@ class PackageSolver(Solver, abc.ABC):
     def outcome(self, native: Native, result: Any) -> Outcome:
         """What the package says."""
 
+    def in_x(self, native: Native, says: Outcome) -> Outcome:
+        """What the package says, of the scaled unknowns of `Posed`, where it was posed others."""
+        return says
+
     def build(self, qp: ContactQP, start: Start | None) -> Built:
         """Scale the QP, leave the fixed rows out and bring it into the package's form."""
         posed = pose(qp, start, dense=self.dense)
@@ -276,7 +308,7 @@ class PackageSolver(Solver, abc.ABC):
 
     def read(self, qp: ContactQP, native: Native, result: Any) -> Answer:
         """Map the package's result by the table of statuses."""
-        says = self.outcome(native, result)
+        says = self.in_x(native, self.outcome(native, result))
         status = self.statuses.get(says.status, Status.FAILED)
         x = None if says.x is None else native.posed.restore(np.asarray(says.x, float))
         if x is not None and not np.isfinite(x).all():
@@ -328,12 +360,3 @@ def same_pattern(one: Any, other: Any) -> bool:
 def same_matrix(one: sp.csc_matrix, other: sp.csc_matrix) -> bool:
     """Whether two CSC matrices are equal, entry by stored entry."""
     return same_pattern(one, other) and np.array_equal(one.data, other.data)
-
-
-def bound_rows(posed: Posed) -> tuple[sp.csc_matrix, Vector]:
-    """G, h with G x ≤ h for the finite bounds: −x ≤ −lower, then x ≤ upper."""
-    below, above = np.flatnonzero(posed.lower > -np.inf), np.flatnonzero(posed.upper < np.inf)
-    column = np.concatenate([below, above])
-    value = np.concatenate([-np.ones(below.size), np.ones(above.size)])
-    G = sp.csc_matrix((value, (np.arange(column.size), column)), shape=(column.size, posed.n))
-    return G, np.concatenate([-posed.lower[below], posed.upper[above]])

@@ -1,10 +1,10 @@
 """HiGHS, its active-set QP solver (Hall, Feldmeier and others).
 
-The problem is posed in normal form, min ½ xᵀP x + qᵀx, lower ≤ x ≤ upper, and an empty row
-0 x = 0.  Without any row HiGHS 1.15 now and then returns its starting point as optimal, after 0
-iterations: for 2 of 372 random QPs with its default of 1e-7 added to the diagonal of P, for 99,
-most of them with a singular P, without.  With the empty row it needs no such addition, which would
-set the accuracy, and a singular P is no trouble.
+The problem is posed in normal form, min ½ xᵀP x + qᵀx, lower ≤ x ≤ upper, and an empty row 0 x = 0,
+or in any other of `programs`.  Without any row HiGHS 1.15 now and then returns its starting point
+as optimal, after 0 iterations: for 2 of 372 random QPs with its default of 1e-7 added to the
+diagonal of P, for 99, most of them with a singular P, without.  With the empty row it needs no such
+addition, which would set the accuracy, and a singular P is no trouble.
 
 Accuracy: the feasibility tolerances are the residual that `asked` allows, not below HiGHS's least,
 1e-10; an active-set method is exact once it has the working set.  HiGHS's QP solver takes no start:
@@ -23,7 +23,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from problems.qp import Status
-from solvers.adapters.forms import Built, Native, Outcome, PackageSolver, Posed
+from solvers.adapters.forms import Built, Native, Outcome
+from solvers.adapters.programs import Program, ProgramSolver
 from solvers.base import Start
 
 _COLUMNWISE = int(highspy.MatrixFormat.kColwise)
@@ -32,7 +33,7 @@ _MINIMISE = int(highspy.ObjSense.kMinimize)
 
 
 @dataclass(frozen=True)
-class HiGHS(PackageSolver):
+class HiGHS(ProgramSolver):
     """HiGHS: null-space active-set QP solver, one `Highs` object kept."""
 
     max_iterations: int = 100_000
@@ -51,21 +52,23 @@ class HiGHS(PackageSolver):
         "kTimeLimit": Status.TIME_LIMIT,
     }
 
-    def arrays(self, posed: Posed) -> Any:
+    def pack(self, program: Program) -> Any:
         """The arguments of `Highs.passModel`, with the lower triangle of P by columns."""
-        n, P = posed.n, sp.csc_matrix(posed.P_upper.T)
+        size, simple, P = program.q.size, program.simple, sp.csc_matrix(program.P_upper.T)
         P.sort_indices()
-        no_value, no_index, zero = np.zeros(0), np.zeros(0, np.int32), np.zeros(1)
-        start, continuous = np.zeros(n + 1, np.int32), np.zeros(n, np.int32)
+        R, ends = program.rows(slice(simple, None), sparse=True), (program.lower, program.upper)
+        lower, upper = (end[simple:] for end in ends)
+        if lower.size == 0:
+            R, lower, upper = sp.csc_matrix((1, size)), np.zeros(1), np.zeros(1)
         return (
-            n, 1, 0, P.nnz, _COLUMNWISE, _TRIANGULAR, _MINIMISE, 0.0,
-            posed.q, posed.lower, posed.upper, zero, zero,
-            start, no_index, no_value, P.indptr, P.indices, P.data, continuous,
+            size, lower.size, R.nnz, P.nnz, _COLUMNWISE, _TRIANGULAR, _MINIMISE, 0.0,
+            program.q, *program.box, lower, upper,
+            R.indptr, R.indices, R.data, P.indptr, P.indices, P.data, np.zeros(size, np.int32),
         )  # fmt: skip
 
     def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
         """Pass the whole model to the `Highs` object of the previous solve, or to a new one."""
-        posed, arrays, carried, _ = problem
+        posed, arrays, carried, *_ = problem
         model = highspy.Highs() if carried is None else carried.native.object
         options: dict[str, Any] = {"output_flag": False, "threads": 1}
         options["qp_iteration_limit"] = self.max_iterations
@@ -86,6 +89,8 @@ class HiGHS(PackageSolver):
     def outcome(self, native: Native, result: Any) -> Outcome:
         """HiGHS's model status and QP iterations."""
         model = native.object
-        x = np.array(model.getSolution().col_value)
+        found, simple = model.getSolution(), self.program(native.posed).simple
+        x = np.array(found.col_value)
+        y = -np.concatenate([found.col_dual[:simple], found.row_dual])
         iterations = max(model.getInfo().qp_iteration_count, 0)
-        return Outcome(x if x.size else None, model.getModelStatus().name, iterations)
+        return Outcome(x if x.size else None, model.getModelStatus().name, iterations, y)

@@ -1,7 +1,8 @@
 """PIQP, a proximal interior-point method (Schwan et al. 2023).
 
-The problem is posed in normal form with box constraints, to the dense backend or, where A is
-sparse, to the sparse one.  P may be singular; PIQP's proximal terms vanish as it converges.
+The problem is posed in normal form with box constraints, or in any other of `programs`, to the
+dense backend or, where A is sparse, to the sparse one.  P may be singular; PIQP's proximal terms
+vanish as it converges.
 
 Accuracy: `eps_duality_gap_abs` is the gap that `asked` allows and `eps_abs` the residual, neither
 below 1e-14 (with 1e-15 a fifth of the scenes' QPs run into the iteration cap); the relative ones
@@ -20,12 +21,13 @@ import piqp
 import scipy.sparse as sp
 
 from problems.qp import Status
-from solvers.adapters.forms import Built, Native, Outcome, PackageSolver, Posed, same_pattern
+from solvers.adapters.forms import Built, Native, Outcome, same_pattern
+from solvers.adapters.programs import Program, ProgramSolver
 from solvers.base import Start
 
 
 @dataclass(frozen=True)
-class PIQP(PackageSolver):
+class PIQP(ProgramSolver):
     """PIQP: proximal interior point, data updated in place."""
 
     max_iterations: int = 250
@@ -41,19 +43,33 @@ class PIQP(PackageSolver):
         "PIQP_NUMERICS": Status.INACCURATE,
     }
 
-    def arrays(self, posed: Posed) -> Any:
-        """P, q and the bounds of x."""
-        sparse = sp.issparse(posed.A)
-        P = sp.csc_matrix(posed.A.T @ posed.A) if sparse else np.asfortranarray(posed.P)
-        return {"P": P, "c": posed.q, "x_l": posed.lower, "x_u": posed.upper}
+    def pack(self, program: Program) -> Any:
+        """P, q, the bounds of the leading unknowns, and the other rows as far as there are any."""
+        sparse, (lower, upper) = program.posed.is_sparse, program.box
+        stored: Any = sp.csc_matrix if sparse else np.asfortranarray
+        P = stored(program.P(sparse=sparse))
+        data = {"P": P, "c": program.q, "x_l": lower, "x_u": upper}
+        if program.equal:
+            data["A"] = stored(program.rows(program.equations, sparse=sparse))
+            data["b"] = np.zeros(program.equal)
+        more = program.others[program.simple :]
+        if more.size:
+            data["G"] = stored(program.rows(more, sparse=sparse))
+            data["h_l"], data["h_u"] = program.lower[more], program.upper[more]
+        return data
 
     def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
         """Update the data in place where their pattern is the same; else set up afresh."""
-        posed, arrays, carried, _ = problem
-        if carried is not None and same_pattern(carried.native.arrays["P"], arrays["P"]):
+        posed, arrays, carried, *_ = problem
+        old = {} if carried is None else carried.native.arrays
+        if carried is not None and all(
+            name in old and same_pattern(old[name], arrays[name])
+            for name in ("P", "A", "G")
+            if name in arrays
+        ):
             solver, fill = carried.native.object, carried.native.object.update
         else:
-            solver = piqp.SparseSolver() if sp.issparse(arrays["P"]) else piqp.DenseSolver()
+            solver = piqp.SparseSolver() if posed.is_sparse else piqp.DenseSolver()
             fill = solver.setup
         settings = solver.settings
         settings.max_iter, settings.verbose = self.max_iterations, False
@@ -71,4 +87,7 @@ class PIQP(PackageSolver):
     def outcome(self, native: Native, result: Any) -> Outcome:
         """PIQP's status and iterations."""
         says = native.object.result
-        return Outcome(np.array(says.x), result.name, says.info.iter)
+        program = self.program(native.posed)
+        others = np.concatenate([(says.z_bu - says.z_bl)[: program.simple], says.z_u - says.z_l])
+        y = program.joined(says.y, others)
+        return Outcome(np.array(says.x), result.name, says.info.iter, y)

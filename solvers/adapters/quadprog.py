@@ -28,6 +28,7 @@ import quadprog
 
 from problems.qp import Status
 from solvers.adapters.forms import Built, Native, Outcome, PackageSolver, Posed
+from solvers.adapters.programs import one_sided
 from solvers.base import Form, Start
 
 _SLACK = 30.0  # ρ
@@ -51,24 +52,18 @@ class Quadprog(PackageSolver):
     }
 
     def arrays(self, posed: Posed) -> Any:
-        """Unknowns (r, s/ρ): a, C, b, the number of equalities; and what takes x′ back to x."""
-        below, above = np.isfinite(posed.lower), np.isfinite(posed.upper)
-        base = np.where(below, posed.lower, np.where(above, posed.upper, 0.0))
-        sign = np.where(above & ~below, -1.0, 1.0)
-        order = np.argsort(below | above, kind="stable")  # equalities first
-        two = np.flatnonzero((below & above)[order])
+        """Unknowns (r, s/ρ): a, C, b, the numbers of equations and of r; how x′ is counted."""
+        own = one_sided(posed)
         A, d = posed.reduced
-        m, n, t = d.size, posed.n, two.size
+        m, n, t = d.size, posed.n, own.two.size
         C = np.zeros((m + t, n + t))
-        C[:m, :n] = (A * sign)[:, order]
-        C[m + np.arange(t), two] = _SLACK
+        C[:m, :n] = (A * own.sign)[:, own.order]
+        C[m + np.arange(t), own.two] = _SLACK
         C[m + np.arange(t), n + np.arange(t)] = 1.0
-        width = (posed.upper - posed.lower)[order][two]
-        a = np.concatenate([d + A @ base, -_SLACK * width])
-        equalities = n - int((below | above).sum())
+        a = np.concatenate([d + A @ own.base, -_SLACK * own.width])
         b = np.zeros(n + t)
-        b[equalities:n] = -_RELAXED * max(1.0, float(np.linalg.norm(d)))
-        return a, C, b, equalities, (m, base, sign, order)
+        b[own.equations : n] = -_RELAXED * max(1.0, float(np.linalg.norm(d)))
+        return a, C, b, own.equations, m, own
 
     def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
         """The Hessian is I, and so is the inverse of its factor."""
@@ -77,7 +72,7 @@ class Quadprog(PackageSolver):
 
     def run(self, native: Native) -> Any:
         """`quadprog.solve_qp`, again until the slacks have settled."""
-        a, C, b, equalities, (m, *_) = native.arrays
+        a, C, b, equalities, m, _ = native.arrays
         now, slack, iterations = a, np.zeros(a.size - m), 0
         try:
             for _ in range(_MAX_PASSES):
@@ -99,7 +94,5 @@ class Quadprog(PackageSolver):
         multipliers, iterations, text = result
         if multipliers is None:
             return Outcome(None, text)
-        _, base, sign, order = native.arrays[4]
-        x = base.copy()
-        x[order] += sign[order] * multipliers[: base.size]
+        x = native.arrays[-1].x(multipliers[: native.posed.n])
         return Outcome(x, text, iterations)

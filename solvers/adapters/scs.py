@@ -1,7 +1,7 @@
 """SCS, an operator-splitting method for conic problems (O'Donoghue et al. 2016, 2021).
 
 The problem is posed in normal form, min ½ xᵀP x + qᵀx, with one nonnegative row for each finite
-bound.  P may be singular; the ρ_x of SCS is part of its iteration.
+bound, or in any other of `programs`.  P may be singular; the ρ_x of SCS is part of its iteration.
 
 Accuracy: `eps_abs` is the residual that `asked` allows, not below 1e-12, and `eps_rel` is 0.  In a
 sequence the workspace is kept and b, c are updated where P and the finite bounds are the same ones,
@@ -19,20 +19,13 @@ import scipy.sparse as sp
 import scs
 
 from problems.qp import Status
-from solvers.adapters.forms import (
-    Built,
-    Native,
-    Outcome,
-    PackageSolver,
-    Posed,
-    bound_rows,
-    same_matrix,
-)
+from solvers.adapters.forms import Built, Native, Outcome, same_matrix
+from solvers.adapters.programs import Cones, Program, ProgramSolver, cones
 from solvers.base import Start
 
 
 @dataclass(frozen=True)
-class SCS(PackageSolver):
+class SCS(ProgramSolver):
     """SCS: operator splitting on the homogeneous embedding, warm-started."""
 
     max_iterations: int = 20_000
@@ -48,16 +41,17 @@ class SCS(PackageSolver):
         "solved (inaccurate - reached time_limit_secs)": Status.TIME_LIMIT,
     }
 
-    def arrays(self, posed: Posed) -> Any:
-        """P (upper triangle), rows G x + s = h with s ≥ 0, and q, in a dictionary."""
-        G, h = bound_rows(posed)
-        if h.size == 0:  # SCS wants a row: 0 x + s = 1
-            G, h = sp.csc_matrix((1, posed.n)), np.ones(1)
-        return {"P": posed.P_upper, "A": G, "b": h, "c": posed.q}
+    def pack(self, program: Program) -> Any:
+        """P (upper triangle), rows G z + s = h, and q, in a dictionary; and the `Cones`."""
+        rows = cones(program)
+        if rows.h.size == 0:  # SCS wants a row: 0 x + s = 1
+            empty = sp.csc_matrix((1, program.q.size))
+            rows = Cones(empty, np.ones(1), 0, empty)
+        return {"P": program.P_upper, "A": rows.G, "b": rows.h, "c": program.q}, rows
 
     def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
         """Update b and c where the rest is the same; else set up afresh."""
-        posed, arrays, carried, duals = problem
+        posed, (arrays, rows), carried, _, guess = problem
         settings: dict[str, Any] = {"verbose": False, "max_iters": self.max_iterations}
         if asked is not None:
             settings |= {"eps_abs": posed.residual_tolerance(asked, 1e-12), "eps_rel": 0.0}
@@ -66,13 +60,14 @@ class SCS(PackageSolver):
             solver = carried.native.object  # type: ignore[union-attr]
             solver.update(b=arrays["b"], c=arrays["c"])
         else:
-            cone = {"l": arrays["b"].size}
+            cone = {"z": rows.equal, "l": rows.h.size - rows.equal}
             solver = scs.SCS(arrays, cone, linear_solver="qdldl", **settings)
-        guess: Any = (False,)
-        if duals is not None:
-            y = np.maximum(arrays["A"] @ duals, 0.0)
-            guess = (True, posed.start, y, np.maximum(arrays["b"] - arrays["A"] @ posed.start, 0.0))
-        return Native(posed, solver, (arrays, settings, guess))
+        begin: Any = (False,)
+        if guess is not None:
+            y, s = rows.pick @ guess[1], rows.h - rows.G @ guess[0]
+            y[rows.equal :], s[: rows.equal] = np.maximum(y[rows.equal :], 0.0), 0.0
+            begin = (True, guess[0], y, np.maximum(s, 0.0))
+        return Native(posed, solver, (arrays, settings, begin, rows))
 
     def run(self, native: Native) -> Any:
         """`SCS.solve`, from x, y and s if there are any."""
@@ -80,6 +75,6 @@ class SCS(PackageSolver):
 
     def outcome(self, native: Native, result: Any) -> Outcome:
         """SCS's status and iterations."""
-        duals = native.arrays[0]["A"].T @ result["y"]
+        duals = native.arrays[3].pick.T @ result["y"]
         info = result["info"]
         return Outcome(result["x"], info["status"], info["iter"], duals)

@@ -1,0 +1,333 @@
+"""A contact QP as a quadratic program in one of three forms, for packages that take any.
+
+    minimise ½ zᵀP z + qᵀz   subject to   lower ≤ R z ≤ upper
+
+R begins with rows of I, the bounds of the leading unknowns; then come rows R z = 0, then R z ≥ 0.
+With x, A, d scaled and without fixed rows (`forms.Posed`) and Δ = Aᵀ(A x + d):
+
+    normal    z = x, P = AᵀA, q = Aᵀd.  The condition of A is squared.
+    residual  z = (x, y), P = diag(0, I), q = (Aᵀd, 0), A x − y = 0: ½‖y‖², y = A x + d, without
+              its constant and the part of d that no contact can change.  Nothing is squared.
+    velocity  (3.4).  z = (s, r), P = diag(0, I), q = (w, −c).  x = base + σ x′ with x′ ≥ 0 counted
+              from a finite bound (σ = −1 from an upper one), B = A σ, c = d + A base, and
+
+                  minimise ½‖r − c‖² + wᵀs   subject to   Bᵀr + s ≥ 0,  s ≥ 0,
+
+              s only in rows with two bounds, whose distance is w; rows without bounds are
+              equations.  x′ are the multipliers of the rows.  Of d only its part in the range of A
+              is taken, where A is dense.
+
+Multipliers y of the rows have the sign of P z + q + Rᵀy = 0.
+"""
+
+from __future__ import annotations
+
+import abc
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from problems.qp import AT_LOWER, AT_UPPER, FREE, ContactQP, Vector
+from solvers.adapters.forms import Built, Native, Outcome, PackageSolver, Posed
+from solvers.base import Start
+
+Members = NDArray[np.int8]
+
+
+class OneSided(NamedTuple):
+    """x = base + sign · x′ with x′ ≥ 0, rows without bounds apart.
+
+    order : (n,) the rows as they are numbered in the velocity problem, those without bounds first
+    equations : how many those are;  two : (t,) numbers, in that order, of rows with two bounds
+    width : (t,) their distance
+    """
+
+    base: Vector
+    sign: Vector
+    order: NDArray[np.int64]
+    equations: int
+    two: NDArray[np.int64]
+    width: Vector
+
+    def x(self, multipliers: Vector) -> Vector:
+        """x from x′ in `order`.  (n,)"""
+        x = self.base.copy()
+        x[self.order] += self.sign[self.order] * multipliers
+        return x
+
+    def multipliers(self, x: Vector) -> Vector:
+        """x′ in `order`.  (n,)"""
+        return np.asarray((self.sign * (x - self.base))[self.order])
+
+
+def one_sided(posed: Posed) -> OneSided:
+    """Count every row from a finite bound, the lower one if it has both."""
+    below, above = np.isfinite(posed.lower), np.isfinite(posed.upper)
+    order = np.argsort(below | above, kind="stable")
+    two = np.flatnonzero((below & above)[order])
+    return OneSided(
+        base=np.where(below, posed.lower, np.where(above, posed.upper, 0.0)),
+        sign=np.where(above & ~below, -1.0, 1.0),
+        order=order,
+        equations=posed.n - int((below | above).sum()),
+        two=two,
+        width=(posed.upper - posed.lower)[order][two],
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Program(abc.ABC):
+    """One form of a posed QP: N unknowns z, M rows.
+
+    q : (N,);  R : (M, N) CSC;  lower, upper : (M,)
+    simple : leading rows that are rows of I;  equal : rows after them that are equations
+    """
+
+    posed: Posed
+    q: Vector
+    R: sp.csc_matrix
+    lower: Vector
+    upper: Vector
+    simple: int
+    equal: int
+
+    @property
+    def equations(self) -> slice:
+        """The rows R z = 0."""
+        return slice(self.simple, self.simple + self.equal)
+
+    @cached_property
+    def others(self) -> NDArray[np.int64]:
+        """Positions of all other rows."""
+        return np.delete(np.arange(self.lower.size), self.equations)
+
+    @property
+    def box(self) -> tuple[Vector, Vector]:
+        """Bounds of all unknowns, infinite beyond the leading ones.  (N,), (N,)"""
+        free = np.full(self.q.size - self.simple, np.inf)
+        lower, upper = self.lower[: self.simple], self.upper[: self.simple]
+        return np.concatenate([lower, -free]), np.concatenate([upper, free])
+
+    @property
+    def P_upper(self) -> sp.csc_matrix:
+        """Upper triangle of P, here diag(0, I).  (N, N) CSC"""
+        size, zeros = self.q.size, self.q.size - self.posed.m
+        place = np.arange(zeros, size)
+        pointers = np.concatenate([np.zeros(zeros, np.int64), np.arange(self.posed.m + 1)])
+        return sp.csc_matrix((np.ones(self.posed.m), place, pointers), shape=(size, size))
+
+    def P(self, *, sparse: bool) -> Any:
+        """P, dense or CSC.  (N, N)"""
+        return self.P_upper if sparse else self.P_upper.toarray()
+
+    def rows(self, chosen: Any, *, sparse: bool) -> Any:
+        """Rows of R, dense or CSC."""
+        part = self.R[chosen]
+        return sp.csc_matrix(part) if sparse else part.toarray()
+
+    def joined(self, equations: Vector, others: Vector) -> Vector:
+        """y from its parts.  (M,)"""
+        y = np.empty(self.lower.size)
+        y[self.equations], y[self.others] = equations, others
+        return y
+
+    @abc.abstractmethod
+    def guess(self, duals: Vector) -> tuple[Vector, Vector]:
+        """z and y that belong to the start; `duals` are its multipliers of the bounds of x."""
+
+    @abc.abstractmethod
+    def members(self) -> Members:
+        """Working set of the rows, FREE where they are no equations and there is no start.  (M,)"""
+
+    def answer(self, z: Vector, y: Vector | None) -> tuple[Vector, Vector | None]:
+        """x and the multipliers of its bounds, if they are to be carried on."""
+        n = self.posed.n
+        return z[:n], None if y is None else y[:n]
+
+
+class Normal(Program):
+    """P = AᵀA."""
+
+    @property
+    def P_upper(self) -> sp.csc_matrix:
+        return self.posed.P_upper
+
+    def P(self, *, sparse: bool) -> Any:
+        return self.posed.P_sparse if sparse else self.posed.P
+
+    def guess(self, duals: Vector) -> tuple[Vector, Vector]:
+        assert self.posed.start is not None
+        return self.posed.start, duals
+
+    def members(self) -> Members:
+        return self.posed.members
+
+
+class Residual(Program):
+    """y = A x as rows."""
+
+    def guess(self, duals: Vector) -> tuple[Vector, Vector]:
+        x = self.posed.start
+        assert x is not None
+        y = self.posed.A @ x
+        return np.concatenate([x, y]), np.concatenate([duals, y])
+
+    def members(self) -> Members:
+        return np.concatenate([self.posed.members, np.full(self.equal, AT_LOWER, np.int8)])
+
+
+@dataclass(frozen=True, eq=False)
+class Velocity(Program):
+    """(3.4); its unknowns are s and r."""
+
+    own: OneSided
+
+    def guess(self, duals: Vector) -> tuple[Vector, Vector]:
+        posed, own = self.posed, self.own
+        x = posed.start
+        assert x is not None
+        primed = own.multipliers(x)
+        r = posed.A @ (x - own.base) - self.q[self.simple :]
+        slack = np.maximum(-(self.R[self.simple :, self.simple :] @ r)[own.two], 0.0)
+        y = np.concatenate([primed[own.two] - own.width, -primed])
+        return np.concatenate([slack, r]), y
+
+    def members(self) -> Members:
+        own, members = self.own, np.full(self.lower.size, FREE, np.int8)
+        if self.posed.start is not None:  # a row is active where x′ > 0, a slack where x′ < w
+            x_set = (own.sign * self.posed.members).astype(np.int8)[own.order]
+            members[self.simple :][x_set != AT_LOWER] = AT_LOWER
+            members[: self.simple][x_set[own.two] != AT_UPPER] = AT_LOWER
+        members[self.equations] = AT_LOWER
+        return members
+
+    def answer(self, z: Vector, y: Vector | None) -> tuple[Vector, Vector | None]:
+        assert y is not None
+        return self.own.x(-y[self.simple :]), None
+
+
+def scaled(matrix: sp.csc_matrix, by: Vector, axis: int) -> sp.csc_matrix:
+    """Rows (axis 0) or columns (1) times `by`; stored zeros stay, so that patterns do."""
+    made = sp.csc_matrix(matrix)
+    made.sort_indices()
+    place = made.indices if axis == 0 else np.repeat(np.arange(by.size), np.diff(made.indptr))
+    return sp.csc_matrix((made.data * by[place], made.indices, made.indptr), shape=made.shape)
+
+
+def normal(posed: Posed) -> Program:
+    """z = x."""
+    identity = sp.csc_matrix(sp.identity(posed.n))
+    return Normal(posed, posed.q, identity, posed.lower, posed.upper, posed.n, 0)
+
+
+def residual(posed: Posed) -> Program:
+    """z = (x, y)."""
+    n, m, none = posed.n, posed.m, np.zeros(posed.m)
+    R = sp.csc_matrix(sp.block_array([[sp.identity(n), None], [posed.sparse, -sp.identity(m)]]))
+    lower, upper = (np.concatenate([bound, none]) for bound in (posed.lower, posed.upper))
+    return Residual(posed, np.concatenate([posed.q, none]), R, lower, upper, n, m)
+
+
+def velocity(posed: Posed) -> Program:
+    """z = (s, r)."""
+    own = one_sided(posed)
+    n, t = posed.n, own.two.size
+    B = scaled(posed.sparse, own.sign, axis=1)[:, own.order]
+    S = sp.csc_matrix((np.ones(t), (own.two, np.arange(t))), shape=(n, t))
+    R = sp.csc_matrix(sp.block_array([[sp.identity(t), None], [S, B.T]]))
+    c = posed.visible_d + posed.A @ own.base
+    upper = np.full(t + n, np.inf)
+    upper[t : t + own.equations] = 0.0
+    q = np.concatenate([own.width, -c])
+    return Velocity(posed, q, R, np.zeros(t + n), upper, t, own.equations, own)
+
+
+PROGRAMS = {"normal": normal, "residual": residual, "velocity": velocity}
+
+
+class Cones(NamedTuple):
+    """The rows as G z + s = h with s = 0 in the first `equal` rows and s ≥ 0 in the others.
+
+    pick : G = pick · R, so that y of R is pickᵀ times the multipliers of G
+    """
+
+    G: sp.csc_matrix
+    h: Vector
+    equal: int
+    pick: sp.csc_matrix
+
+
+def cones(program: Program) -> Cones:
+    """R z = 0, then −R z ≤ −lower, then R z ≤ upper, where they are finite."""
+    equal = program.lower == program.upper
+    same = np.flatnonzero(equal)
+    below = np.flatnonzero((program.lower > -np.inf) & ~equal)
+    above = np.flatnonzero((program.upper < np.inf) & ~equal)
+    column = np.concatenate([same, below, above])
+    value = np.ones(column.size)
+    value[same.size : same.size + below.size] = -1.0
+    shape = (column.size, program.lower.size)
+    pick = sp.csc_matrix((value, (np.arange(column.size), column)), shape=shape)
+    G = scaled(program.R[column], value, axis=0)
+    h = np.concatenate([program.lower[same], -program.lower[below], program.upper[above]])
+    return Cones(G, h, same.size, pick)
+
+
+@dataclass(frozen=True)
+class ProgramSolver(PackageSolver):
+    """A package that takes any quadratic program, so each of the three forms.
+
+    variant : the form that it is posed, one of `PROGRAMS`; "" is the adapter's choice, `form`
+
+    Derived classes write `pack` instead of `arrays`.  The z and y that a solve starts from are
+    `Built.guess`; `outcome` gives z and y, which are turned into x here.
+    """
+
+    variant: str = ""
+
+    variants: ClassVar[tuple[str, ...]] = tuple(PROGRAMS)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.variant and self.variant not in self.variants:
+            raise ValueError(
+                f"{self.name}[{self.variant}] is unknown; choose one of {', '.join(self.variants)}"
+            )
+
+    @property
+    def posed_form(self) -> str:
+        """The form that the package is posed."""
+        return self.variant or self.form
+
+    def program(self, posed: Posed) -> Program:
+        """The QP in the solver's form; made once."""
+        made = posed.programs.get(self.posed_form)
+        if made is None:
+            made = posed.programs[self.posed_form] = PROGRAMS[self.posed_form](posed)
+        return made  # type: ignore[no-any-return]
+
+    @abc.abstractmethod
+    def pack(self, program: Program) -> Any:
+        """The program in the package's own arrays."""
+
+    def arrays(self, posed: Posed) -> Any:
+        """The package's arrays of the QP in the solver's form."""
+        return self.pack(self.program(posed))
+
+    def build(self, qp: ContactQP, start: Start | None) -> Built:
+        """As every package's, and what the program is started from."""
+        built = super().build(qp, start)
+        if built.duals is None:
+            return built
+        return built._replace(guess=self.program(built.posed).guess(built.duals))
+
+    def in_x(self, native: Native, says: Outcome) -> Outcome:
+        """x from z and y."""
+        if says.x is None:
+            return says
+        x, duals = self.program(native.posed).answer(says.x, says.duals)
+        return says._replace(x=x, duals=duals)
