@@ -109,6 +109,8 @@ class Solver(abc.ABC):
     package: ClassVar[str] = ""
     """Distribution that does the work, for its version; empty for our own."""
     form: ClassVar[Form] = "normal"
+    forms: ClassVar[tuple[str, ...]] = ()
+    """The forms that it can be posed as variants, `name[form]`; none where there is no choice."""
     warm_start: ClassVar[str] = "none"
     """What a warm start carries: "none", "x", "x and y", "working set", "factorisation", …"""
     maps_rows: ClassVar[bool] = False

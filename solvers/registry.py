@@ -132,3 +132,9 @@ def solver_names() -> list[str]:
 def available_solvers() -> list[str]:
     """Names of the solvers that can be used here."""
     return [name for name in solver_names() if describe(name).available]
+
+
+def form_variants() -> list[str]:
+    """Names of the installed packages in each form that they can be posed: "osqp[normal]", …"""
+    names = available_solvers()
+    return [f"{name}[{form}]" for name in names for form in solver_class(name).forms]

@@ -55,7 +55,7 @@ Solvers = Annotated[
     str,
     typer.Option(
         help="names with commas between, such as lotstedt,lotstedt[exact_qr],daqp; "
-        "all: every backend that is installed"
+        "all: every backend that is installed; forms: the packages in each form that they take"
     ),
 ]
 
@@ -113,13 +113,15 @@ def split_names(text: str, default: list[str]) -> list[str]:
 def chosen_solvers(text: str) -> list[str]:
     """Solvers by name; absent ones are told by name where all are meant."""
     from solvers import describe, make_solver
-    from solvers.registry import solver_names
+    from solvers.registry import form_variants, solver_names
 
     if text.strip() != "all":
-        names = split_names(text, [])
-        for name in names:
+        chosen: dict[str, None] = {}
+        for name in split_names(text, []):
+            chosen.update(dict.fromkeys(form_variants() if name == "forms" else [name]))
+        for name in chosen:
             make_solver(name)  # raises for an unknown one
-        return names
+        return list(chosen)
     known = [describe(name) for name in solver_names()]
     for info in known:
         if not info.available:

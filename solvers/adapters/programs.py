@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from problems.qp import AT_LOWER, AT_UPPER, FREE, ContactQP, Vector
 from solvers.adapters.forms import Built, Native, Outcome, PackageSolver, Posed
+from solvers.adapters.inner_options import check_variant
 from solvers.base import Start
 
 Members = NDArray[np.int8]
@@ -289,14 +290,12 @@ class ProgramSolver(PackageSolver):
 
     variant: str = ""
 
-    variants: ClassVar[tuple[str, ...]] = tuple(PROGRAMS)
+    forms: ClassVar[tuple[str, ...]] = tuple(PROGRAMS)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.variant and self.variant not in self.variants:
-            raise ValueError(
-                f"{self.name}[{self.variant}] is unknown; choose one of {', '.join(self.variants)}"
-            )
+        if self.variant:
+            check_variant(self.name, self.variant, self.forms)
 
     @property
     def posed_form(self) -> str:
@@ -308,7 +307,7 @@ class ProgramSolver(PackageSolver):
         made = posed.programs.get(self.posed_form)
         if made is None:
             made = posed.programs[self.posed_form] = PROGRAMS[self.posed_form](posed)
-        return made  # type: ignore[no-any-return]
+        return made
 
     @abc.abstractmethod
     def pack(self, program: Program) -> Any:
