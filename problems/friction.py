@@ -8,8 +8,8 @@ is bounded by ± μ λ_*; λ_* stands for the normal multiplier, unknown until t
     (4.4)  a spring and damper at the contact, in the first step and after a jump in q̇
 
 `friction="paper"` uses these as printed.  `friction="corrected"` (the default) takes them as a
-prediction, solves, sets λ_* to the new λ_N and solves again until the friction forces no longer
-change, with Aitken's relaxation where the gain of the sweep is large.
+prediction, solves, and solves again with another λ_* until λ_N(λ_*) = λ_* as far as the friction
+forces depend on it (`problems.friction_passes`).
 
 This differs from the paper, because: 1. one sliding contact obeys λ_n = λ₀ + γ λ_* with the gain
 γ = −μ s (g_NᵀM⁻¹g_F)/(g_NᵀM⁻¹g_N), and with (4.2) errors grow at any h unless −1/(1+2w) < γ;
@@ -66,39 +66,16 @@ def force_change(
     """How far each friction multiplier would move under the new bounds μ Σ λ_N.  (F,)
 
     sliding : (F,) sign s of a sliding contact, 0 of a sticking one
-    stuck : (F,) λ_F of the QP where sticking;  bound, new_bound : (F,) μ Σ λ_* before and after
+    stuck : (F,) λ_F of the QP where sticking
+    bound, new_bound : (F,) μ Σ λ_* before, infinite where it sticks whatever the load, and after
 
     A sliding force moves with its bound; a sticking one only where it is at the old bound or
     beyond the new one.
     """
+    step = new_bound - np.where(np.isinf(bound), 0.0, bound)
     at_bound = np.abs(stuck) >= bound * (1 - 1e-12)
-    sticking = np.where(
-        at_bound, new_bound - bound, np.minimum(0.0, new_bound - np.abs(stuck))
-    ) * np.where(stuck < 0, -1.0, 1.0)
-    return np.where(sliding != 0, sliding * (new_bound - bound), sticking)
-
-
-WEIGHTS = (0.1, 3.0)
-"""Least and greatest weight of a relaxed pass."""
-
-
-class Relaxation:
-    """Aitken's vector relaxation of the fixed point λ_* ← λ_N(λ_*)."""
-
-    def __init__(self) -> None:
-        self.weight = 1.0
-        self._last: Vector | None = None
-
-    def next(self, lam_star: Vector, lam: Vector) -> Vector:
-        """The next λ_* (N,) from the one used and the multipliers that came out."""
-        gap = lam - lam_star
-        if self._last is not None:
-            change = gap - self._last
-            size = float(change @ change)
-            if size > 0:
-                self.weight = float(np.clip(-self.weight * (self._last @ change) / size, *WEIGHTS))
-        self._last = gap
-        return np.maximum(0.0, lam_star + self.weight * gap)
+    sticking = np.where(at_bound, step, np.minimum(0.0, new_bound - np.abs(stuck)))
+    return np.where(sliding != 0, sliding * step, np.where(stuck < 0, -sticking, sticking))
 
 
 def coulomb_rows(assembly: Assembly, sticking: Indices, order: Indices) -> sp.csr_array:

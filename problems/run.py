@@ -20,6 +20,7 @@ EVENT_KINDS = (
     "slide_off",
     "slip_to_stick",
     "stick_to_slip",
+    "jam",
     "force_jump",
     "drop",
     "hand_over",

@@ -22,7 +22,8 @@ This differs from the paper, because the text leaves it open or the rule fails a
  6. corrected friction, see `problems.friction`;
  7. jamming: sliding forces s μ λ with s kept may feed back on λ with a gain ≥ 1, and then no λ
     meets both laws at any h (Painlevé).  Where the passes have failed for `JAM_TRIALS` lengths,
-    the contacts that the last one turned round stick from t_{n−1} on.
+    the integration restarts at t_{n−1} with a short step in which every contact may stick: some
+    catch, q̇ jumps, and it restarts once more.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ from problems.qp import Vector
 from problems.run import Event, Run
 from problems.scenes import Scene
 from problems.sequence import QPSequence, SimulationError, SolvesQPs
-from problems.velocity import VelocityEquations, VelocityStep
+from problems.velocity import STUCK, VelocityEquations, VelocityStep
 
 SHORTEST_STEP = 1e-9
 """Steps shorter than this are not taken: an event there happens at t_{n−1} [s]."""
@@ -63,6 +64,8 @@ PENETRATION_TOL = 1e-7
 """Initial overlap of two parts that is still taken for contact [m]."""
 JAM_TRIALS = 2
 """Trials of a step in which the friction passes may fail to settle before contacts jam."""
+JAM_STEP = 1e-4
+"""Longest step in which contacts catch [s]: the jump in q̇ does not depend on it."""
 REST_TIME = 0.3
 """How long all bodies must be still to be at rest [s]."""
 
@@ -242,6 +245,8 @@ class Stepper:
         slip_before = here.G_F.T @ self.history.v
         self._sort_signs(here, slip_before)
         path = self.history.path(self.q)
+        signs = np.array([friction.sign for friction in here.frictions], dtype=np.float64)
+        known = self.lam_known
         h_full = self._step_length()
         h = min(h_full, min([*self._scheduled(), end]) - self.t)
         unsettled = 0
@@ -257,29 +262,35 @@ class Stepper:
             if h_event < h:
                 h = h_event
                 handed_over, _ = edge_ends(self.graph, path, h)
-            step = self._try_velocity(path, h, handed_over)
+            step = self._try_velocity(path, h, handed_over, signs, known)
             unsettled += not step.settled
-            if unsettled == JAM_TRIALS and (jammed := self._reversed(step)):
+            if unsettled == JAM_TRIALS and signs.any():
                 self._reject()
-                self._count_standstill()
-                self._stick(jammed)
-                return
-            shorter = self._rejected_length(step, h)
+                self._restart(1)
+                path = self.history.path(self.q)
+                h, known = min(h, JAM_STEP), STUCK
+                signs = np.zeros_like(signs)
+                continue
+            shorter = self._rejected_length(step, h, known == STUCK)
             if shorter is not None:
                 h, h_full = shorter, min(h_full, shorter)
                 self._reject()
                 continue
-            h_stick, stopped = self._slip_to_stick(step, slip_before)
+            lengths = self._stopping_lengths(step, signs, slip_before)
+            h_stick = lengths.min(initial=np.inf)
             if h_stick < SHORTEST_STEP:
                 self._reject()
                 self._count_standstill()
-                self._stick(stopped)
+                self._stick([here.frictions[j] for j in np.flatnonzero(lengths <= h_stick)])
                 return
             if h_stick < h * (1 - 1e-6):
                 h = h_stick
                 self._reject()
                 continue
             self._accept(step, handed_over, h_full)
+            if known == STUCK:
+                self._jam(step)
+            stopped = [here.frictions[j] for j in np.flatnonzero(lengths <= h)]
             self._after_step(step, hits, losses, stopped)
             self._watch_rest()
             return
@@ -300,7 +311,12 @@ class Stepper:
         return max(h, 10 * SHORTEST_STEP)
 
     def _try_velocity(
-        self, path: Path, h: float, handed_over: dict[int, tuple[int, int, int]]
+        self,
+        path: Path,
+        h: float,
+        handed_over: dict[int, tuple[int, int, int]],
+        signs: Vector,
+        known: int,
     ) -> VelocityStep:
         """Step 2."""
         q = path(h)
@@ -312,20 +328,14 @@ class Stepper:
             q,
             self.t + h,
             h,
-            self.lam_known,
+            signs,
+            known,
         )
-        # steps that short are taken as they are
-        return replace(step, settled=step.settled or h <= 100 * SHORTEST_STEP)
+        if known == STUCK and h <= 100 * SHORTEST_STEP:  # that short it is taken as it is
+            return replace(step, settled=True)
+        return step
 
-    def _reversed(self, step: VelocityStep) -> list[Friction]:
-        """Sliding contacts that a trial leaves slipping the other way."""
-        return [
-            friction
-            for friction, speed in zip(step.assembly.frictions, step.slip_speed, strict=True)
-            if friction.sign * speed > 0
-        ]
-
-    def _rejected_length(self, step: VelocityStep, h: float) -> float | None:
+    def _rejected_length(self, step: VelocityStep, h: float, caught: bool) -> float | None:
         """A shorter step where the trial does not do, else None.
 
         The iteration did not settle, or it is the first step after a restart, whose local error
@@ -333,7 +343,7 @@ class Stepper:
         """
         if not step.settled:
             return h / 2
-        if self.history.steps == 0 and self.options.fixed_step is None:
+        if self.history.steps == 0 and self.options.fixed_step is None and not caught:
             largest = first_order_step(self.equations.norm(step.a), self.options.eps)
             if h > largest and h > 100 * SHORTEST_STEP:
                 return SAFETY * largest
@@ -488,30 +498,30 @@ class Stepper:
                 self._log("slip_to_stick", self._contact_name(friction.contact))
         self._restart(1)
 
-    def _slip_to_stick(
-        self, step: VelocityStep, slip_before: Vector
-    ) -> tuple[float, list[Friction]]:
-        """h at which the first sliding contact stops, and which do; (inf, []) where none does.
+    def _stopping_lengths(self, step: VelocityStep, signs: Vector, slip_before: Vector) -> Vector:
+        """h at which each sliding contact stops (F,), by linear interpolation of g_Fᵀq̇; else ∞.
 
-        Inverse linear interpolation of g_Fᵀq̇; a contact that slips slower than 0.01 ε at h has
-        stopped there.
+        A contact that slips slower than 0.01 ε at h has stopped there.
         """
-        assembly = step.assembly
-        sliding = [j for j, f in enumerate(assembly.frictions) if f.sign != 0]
-        if not sliding:
-            return np.inf, []
-        before = slip_before[sliding]
-        after = step.slip_speed[sliding]
-        still = 0.01 * self.options.eps
-        lengths = np.full(len(sliding), np.inf)
-        turned = before * after < 0
-        lengths[turned] = step.h * before[turned] / (before - after)[turned]
-        lengths[np.abs(after) <= still] = step.h
-        first = float(lengths.min())
-        if not np.isfinite(first):
-            return np.inf, []
-        at = [assembly.frictions[j] for j, h in zip(sliding, lengths, strict=True) if h <= first]
-        return first, at
+        after = step.slip_speed
+        lengths = np.full(signs.size, np.inf)
+        turned = (signs != 0) & (slip_before * after < 0)
+        lengths[turned] = step.h * slip_before[turned] / (slip_before - after)[turned]
+        lengths[(signs != 0) & (np.abs(after) <= 0.01 * self.options.eps)] = step.h
+        return lengths
+
+    def _jam(self, step: VelocityStep) -> None:
+        """After a step in which every contact could stick: which do, and the jump in q̇."""
+        caught = []
+        for friction, speed, bound in zip(
+            step.assembly.frictions, step.slip_speed, step.at_bound, strict=True
+        ):
+            slides_on = bound and abs(speed) > self.options.eps
+            if friction.sign != 0 and not slides_on:
+                caught.append(self._contact_name(friction.contact))
+            friction.sign = -int(np.sign(speed)) if slides_on else 0
+        self._log("jam", "; ".join(caught))
+        self._restart(0)
 
     def _drop_separating(self, assembly: Assembly, v: Vector, lam_N: Vector | None = None) -> None:
         """Step 4: contacts with λ = 0 and g_Nᵀq̇ > drop_tol leave J_N."""

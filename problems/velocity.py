@@ -23,12 +23,12 @@ import scipy.sparse as sp
 from problems.assembly import Assembly, scaled_columns
 from problems.friction import (
     FrictionRule,
-    Relaxation,
     coulomb_rows,
     force_change,
     predicted_multipliers,
     spring_multipliers,
 )
+from problems.friction_passes import forced_signs, newton_multipliers
 from problems.minimum_norm import minimum_norm
 from problems.multistep import History
 from problems.qp import Vector
@@ -37,6 +37,8 @@ from problems.sequence import QPSequence
 MAX_PASSES = 12
 FIRST_RATE = 0.5
 """ρ assumed until two passes have shown it."""
+STUCK = -1
+"""For `known`: λ_* = ∞, as if every contact in J_FO stuck whatever its load."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,21 +91,26 @@ class VelocityEquations:
         q: Vector,
         t: float,
         h: float,
+        signs: Vector,
         known: int,
     ) -> VelocityStep:
         """q̇_n and λ_n of the step of length h that ends at (q, t).
 
-        known : time points with λ since the last jump in q̇ (0: (4.4), 1: (4.3), 2: (4.2))
+        signs : (F,) s of the contacts in J_FW, 0 of those in J_FO
+        known : time points with λ since the last jump in q̇ (0: (4.4), 1: (4.3), 2: (4.2));
+            `STUCK`: the passes begin with λ_* = ∞
         """
         inverse_mass = 1 / self.D**2
         alpha0, b = history.bdf(h)
-        signs = np.array([f.sign for f in assembly.frictions], dtype=np.float64)
+        slides = signs != 0
         rubs = len(assembly.frictions) > 0
         correct = rubs and self.friction == "corrected"
         iterate = correct or self.velocity_dependent
         eps0 = (0.01 if iterate else 0.1) * self.eps
         if not rubs:
             lam_star = np.zeros(len(assembly.normals))
+        elif known == STUCK:
+            lam_star = np.full(len(assembly.normals), np.inf)
         elif known == 0:
             f_before = self.forces(q_before, history.v, t - h)
             lam_star = spring_multipliers(assembly, inverse_mass, q_before, history.v, f_before, h)
@@ -111,11 +118,11 @@ class VelocityEquations:
             lam_star = predicted_multipliers(assembly, known, h / history.h if history.h else 1.0)
         guess = history.predict(h) if self.velocity_dependent else history.v
         layout = _Layout(assembly, signs, self.D)
-        relaxation = Relaxation()
         change_before = np.inf
         for number in range(1, MAX_PASSES + 1):
             bound = assembly.mu * (assembly.members @ lam_star)
-            pushed = self.forces(q, guess, t) + assembly.G_F @ (signs * bound)
+            driven = signs * np.where(slides, bound, 0.0)
+            pushed = self.forces(q, guess, t) + assembly.G_F @ driven
             c = h * inverse_mass * pushed + b
             stuck_bound = bound[layout.sticking]
             qp, solution = qps.solve(
@@ -143,8 +150,8 @@ class VelocityEquations:
                 v=v,
                 a=(alpha0 * v - b) / h,
                 lam_N=lam_N,
-                lam_F=np.where(signs != 0, signs * bound, lam_F),
-                at_bound=np.abs(lam_F) >= bound * (1 - 1e-9),
+                lam_F=lam_F + driven,
+                at_bound=forced_signs(signs, lam_F, bound, assembly.G_F.T @ v) != 0,
                 assembly=assembly,
                 passes=number,
             )
@@ -156,15 +163,14 @@ class VelocityEquations:
                 moved = force_change(assembly, signs, lam_F, bound, new_bound)
                 change += h / alpha0 * float(np.linalg.norm((assembly.G_F @ moved) / self.D))
             rate = change / change_before if number > 1 and change_before > 0 else FIRST_RATE
-            # without friction the fixed point is a contraction or the step is too long; with it,
-            # relaxation may still tame a large gain
+            # without friction the fixed point is a contraction or the step is too long
             if rate < 1 and (rate * change + h / alpha0 * eps0) / (1 - rate) <= 0.1 * self.eps:
                 return step
             if number > 2 and rate >= 1 and not correct:
                 break
             guess, change_before = v, change
             if correct:
-                lam_star = relaxation.next(lam_star, lam_N)
+                lam_star = newton_multipliers(assembly, self.D, signs, lam_star, lam_N, lam_F, v)
         return replace(step, settled=False)
 
 

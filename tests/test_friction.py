@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 from problems import scene, simulate
-from problems.friction import Relaxation, force_change
+from problems.assembly import Assembly
+from problems.friction import force_change
+from problems.friction_passes import newton_multipliers
 from problems.scenes import Scene
+from problems.stepper import Stepper, StepperOptions
 from solvers import make_solver
 from tests.runs import leaning_box, one_box, scene_run
 
@@ -79,12 +82,40 @@ def test_force_change_knows_when_another_pass_matters():
     np.testing.assert_allclose(moved, [0.5, 0.0, -0.3, 0.5, -0.5])
 
 
-@pytest.mark.parametrize("gain", [-0.9, -1.5, 0.6])
-def test_aitken_finds_the_fixed_point_of_a_linear_map_in_three_passes(gain):
-    relax, star = Relaxation(), np.array([1.0])
-    for _ in range(3):
-        star = relax.next(star, 3.0 + gain * star)
-    assert star[0] == pytest.approx(3.0 / (1 - gain), rel=1e-6)
+def test_force_change_from_a_start_that_sticks_whatever_the_load():
+    stuck, new = np.array([0.4, -0.8, 0.0]), np.array([0.5, 0.5, 0.0])
+    moved = force_change(None, np.zeros(3), stuck, np.full(3, np.inf), new)
+    np.testing.assert_allclose(moved, [0.0, 0.3, 0.0])
+
+
+def sliding_box(gain):
+    """A leaning box whose λ_N(λ_*) has this slope, and its one contact."""
+    speed = 1.0 if gain < 0 else -1.0
+    scene = leaning_box(mu=1.0, speed=speed)
+    stepper = Stepper(scene, make_solver("lotstedt"), StepperOptions(1e-3, 1e-3, rest_speed=1.0))
+    stepper.start()
+    assembly = Assembly(stepper.graph, stepper.q)
+    A = np.column_stack([assembly.G_N.toarray(), assembly.G_F.toarray()]) / stepper.D[:, None]
+    sign = -np.sign(speed)
+    assembly.mu[:] = gain / (-sign * (A[:, 0] @ A[:, 1]) / (A[:, 0] @ A[:, 0]))
+    return assembly, stepper.D, np.array([sign])
+
+
+@pytest.mark.parametrize("gain", [-0.9, -1.5, -20.0, 0.6])
+def test_newton_finds_the_fixed_point_of_one_sliding_contact_at_once(gain):
+    assembly, D, signs = sliding_box(gain)
+    star = np.array([1.0])
+    lam = 3.0 + gain * star
+    found = newton_multipliers(assembly, D, signs, star, np.abs(lam), np.zeros(1), np.zeros(3))
+    np.testing.assert_allclose(found, star + (np.abs(lam) - star) / (1 - gain), rtol=1e-9)
+
+
+def test_newton_gives_way_where_there_is_no_fixed_point():
+    """With a gain beyond 1 λ_* would be negative (Painlevé): λ_N is all there is."""
+    assembly, D, signs = sliding_box(1.5)
+    lam = np.array([4.5])
+    found = newton_multipliers(assembly, D, signs, np.ones(1), lam, np.zeros(1), np.zeros(3))
+    np.testing.assert_array_equal(found, lam)
 
 
 def test_settings_are_checked():
@@ -107,3 +138,38 @@ def test_contacts_jam_where_sliding_forces_feed_back_on_themselves(fixed_step):
     assert np.abs(run.v[-1]).max() < 1e-9
     energy = run.kinetic_energy() + run.potential_energy()
     assert np.diff(energy).max() <= 1e-9
+    jams = [event for event in run.event_log if event.kind == "jam"]
+    assert len(jams) == 1
+
+
+def test_the_jump_of_a_jam_does_not_depend_on_the_length_of_its_step(monkeypatch):
+    """A catch is an impact: λ grows as 1/h, and the jump in q̇ has a limit."""
+    jumps = []
+    for length in (1e-6, 1e-7, 1e-8):
+        monkeypatch.setattr("problems.stepper.JAM_STEP", length)
+        run = run_of(scene("tower", bodies=20, mu=0.5), until=2e-4)
+        jam = next(event for event in run.event_log if event.kind == "jam")
+        after = np.searchsorted(run.t, jam.t)
+        jumps.append(run.v[after] - run.v[after - 1])
+    size = np.abs(jumps[2]).max()
+    assert size > 1e-4
+    assert np.abs(jumps[0] - jumps[1]).max() < 0.2 * size
+    assert np.abs(jumps[1] - jumps[2]).max() < 0.02 * size
+
+
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        {"name": "fig2", "boxes": 8, "mu": 0.5, "end_time": 0.3},
+        {"name": "tower", "bodies": 50, "mu": 0.3, "lean": 0.05, "end_time": 0.2},
+    ],
+    ids=["aligned and pushed", "leaning"],
+)
+def test_towers_with_friction_get_on(parameters):
+    """They chattered: sliding has no solution again and again, and contacts have to catch."""
+    run = run_of(scene(**parameters))
+    assert run.t[-1] == pytest.approx(run.scene.end_time)
+    assert run.counts["steps"] < 400
+    energy = run.kinetic_energy() + run.potential_energy()
+    assert np.diff(energy).max() <= 1e-3
+    assert run.gaps.min() >= -1e-5

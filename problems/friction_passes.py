@@ -1,0 +1,83 @@
+"""Corrected friction: the fixed point λ_* = λ_N(λ_*) of (4.5), (4.6) by Newton's method.
+
+A pass solves the QP with the sliding forces s μ Σ λ_* and the bounds ± μ Σ λ_* and finds λ_N(λ_*).
+Let S be the columns of the free normals and of the frictions strictly inside their bounds, and
+F T λ_* the friction forces that are proportional to λ_*: T = σ μ Σ, with σ = s of a sliding contact
+and the sign of λ_F of one at its bound.  While the working set stays, A_Sᵀ r = 0 is linear, so that
+with E λ_S the normals among λ_S and γ = λ_N − λ_* the fixed point is λ_N + E y,
+
+    A_Sᵀ (A_S + F T E) y = −A_Sᵀ F T γ.
+
+It is λ_* of the next pass, and the passes end when the working set does not change any more, as a
+rule after two or three.  Functional iteration, λ_* ← λ_N, needs every gain of the sweep, the
+eigenvalues of λ_N'(λ_*), inside the unit circle; towers with friction have larger ones.
+
+There may be no fixed point.  With the signs s given, a gain that passes 1 leaves sliding contacts
+without any λ that meets both laws, at whatever h (Painlevé 1895).  With all contacts in J_FO,
+bounded in both directions, there always is one, because λ_N(λ_*) is then continuous and bounded:
+contacts catch, λ grows as 1/h and q̇ jumps.  Newton's method finds it from λ_* = ∞, where everything
+sticks.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from problems.assembly import Assembly
+from problems.qp import Vector
+
+RIDGE = 1e-12
+"""Fraction of the largest ‖a_j‖² added to the diagonal where contacts are redundant."""
+DENSE_COLUMNS = 100
+"""Systems of at most this order are solved dense."""
+AT_BOUND = 1e-9
+"""Relative distance from its bound at which a friction force is at it."""
+
+
+def forced_signs(signs: Vector, lam_F: Vector, bound: Vector, slip: Vector) -> Vector:
+    """σ (F,): the sign of a friction force that is proportional to λ_*, 0 where it is not.
+
+    signs : s of a sliding contact, 0 of a sticking one;  lam_F, bound : λ_F and μ Σ λ_*
+    slip : g_Fᵀq̇ up to a positive factor, for the contacts without a load, where λ_F = ± 0
+    """
+    at_bound = np.abs(lam_F) >= bound * (1 - AT_BOUND)
+    pushing = np.where(lam_F != 0, np.sign(lam_F), -np.sign(slip))
+    return np.where(signs != 0, signs, np.where(at_bound, pushing, 0.0))
+
+
+def newton_multipliers(
+    assembly: Assembly,
+    D: Vector,
+    signs: Vector,
+    lam_star: Vector,
+    lam_N: Vector,
+    lam_F: Vector,
+    v: Vector,
+) -> Vector:
+    """λ_* (N,) ≥ 0 of the next pass, from the one used and the λ_N, λ_F and q̇ that came of it."""
+    bound = assembly.mu * (assembly.members @ lam_star)
+    sigma = forced_signs(signs, lam_F, bound, assembly.G_F.T @ v)
+    normals = np.flatnonzero(lam_N > 0)
+    inside = np.flatnonzero((signs == 0) & (sigma == 0))
+    if normals.size == 0 or not sigma.any() or np.isinf(lam_star).any():
+        return lam_N
+    scaled = sp.diags_array(1 / D)
+    S = sp.hstack([scaled @ assembly.G_N[:, normals], scaled @ assembly.G_F[:, inside]], "csc")
+    forced = scaled @ assembly.G_F @ (sp.diags_array(sigma * assembly.mu) @ assembly.members)
+    blank = sp.csc_array((S.shape[0], inside.size))
+    K = S.T @ (S + sp.hstack([forced.tocsc()[:, normals], blank]))
+    right = -(S.T @ (forced @ (lam_N - lam_star)))
+    ridge = RIDGE * (S * S).sum(axis=0).max() * sp.eye_array(S.shape[1])
+    try:
+        if S.shape[1] <= DENSE_COLUMNS:
+            y = np.linalg.solve((K + ridge).toarray(), right)
+        else:
+            y = splu(sp.csc_matrix(K + ridge)).solve(right)
+    except (np.linalg.LinAlgError, RuntimeError):  # a gain of exactly 1
+        return lam_N
+    fixed_point = lam_N.copy()
+    fixed_point[normals] += y[: normals.size]
+    least = -AT_BOUND * fixed_point.max()
+    return np.maximum(0.0, fixed_point) if fixed_point.min() >= least else lam_N
