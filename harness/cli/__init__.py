@@ -18,6 +18,7 @@ from harness.cli import listing  # noqa: F401
 from harness.cli import simulation  # noqa: F401
 from harness.cli import replays  # noqa: F401
 from harness.cli import campaigns  # noqa: F401
+from harness.cli import loops  # noqa: F401
 from harness.cli import studies  # noqa: F401
 # isort: on
 

@@ -1,0 +1,150 @@
+"""Closed loops in processes of their own: a crash or a hang costs one loop.
+
+A process is forked from a server that has imported everything once, where the system can fork.  It
+tells how far it has come through shared memory, keeps its result itself (`harness.loop_store`) and
+says nothing else; stderr goes to a file, whose last line explains a death.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing as mp
+import os
+import signal
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from multiprocessing.connection import wait
+from pathlib import Path
+from typing import Any
+
+from harness.loop import Loop, LoopResult, run_loop
+from harness.loop_store import load_loop, loop_path, write_loop
+from harness.record import Progress
+
+POLL = 0.2
+"""Seconds between two looks at what is running."""
+GRACE = 60.0
+"""[s] A process has this much, and twice the loop's time limit, before it is killed: a loop looks
+at the clock before each QP and ends by itself, unless one QP takes for ever."""
+
+
+Work = Callable[[Loop, Path, Callable[[float], None]], None]
+"""Called with a loop, the folder, and whom to tell t."""
+
+
+@dataclass
+class _Running:
+    loop: Loop
+    process: Any
+    reached: Any
+    stderr: Path
+    began: float = field(default_factory=time.monotonic)
+
+    @property
+    def share(self) -> float:
+        """Part of the motion that is done."""
+        return min(1.0, self.reached.value / self.loop.until)
+
+    @property
+    def late(self) -> bool:
+        return time.monotonic() - self.began > 2 * self.loop.time_limit + GRACE
+
+
+def run_and_keep(loop: Loop, folder: Path, told: Callable[[float], None]) -> None:
+    """Run the loop and write its result."""
+    write_loop(folder, run_loop(loop, told))
+
+
+def run_isolated(
+    loops: Sequence[Loop],
+    folder: Path,
+    workers: int = 1,
+    done: int = 0,
+    progress: Progress | None = None,
+    work: Work = run_and_keep,
+) -> None:
+    """Run the loops, `workers` at a time; afterwards each has a result in the folder.
+
+    done : loops of the whole that were there before, for the progress that is told
+    work : what a process does; a function of a module
+    """
+    if not loops:
+        return
+    context = _context()
+    total, waiting = float(done + len(loops)), list(loops)
+    running: list[_Running] = []
+    with tempfile.TemporaryDirectory() as scratch:
+        try:
+            while waiting or running:
+                while waiting and len(running) < workers:
+                    running.append(_start(context, work, waiting.pop(0), folder, Path(scratch)))
+                wait([each.process.sentinel for each in running], timeout=POLL)
+                for each in list(running):
+                    if each.late:
+                        each.process.kill()
+                    if each.late or not each.process.is_alive():
+                        each.process.join()
+                        _settle(each, folder)
+                        running.remove(each)
+                        done += 1
+                if progress is not None:
+                    now = ", ".join(f"{e.loop.scene} {e.loop.solver}" for e in running)
+                    progress(now, done + sum(each.share for each in running), total)
+        finally:
+            for each in running:
+                each.process.kill()
+                each.process.join()
+
+
+def _context() -> Any:
+    if "forkserver" not in mp.get_all_start_methods():
+        return mp.get_context("spawn")
+    context = mp.get_context("forkserver")
+    context.set_forkserver_preload(["harness.isolated_loops"])
+    return context
+
+
+def _start(context: Any, work: Work, loop: Loop, folder: Path, scratch: Path) -> _Running:
+    reached = context.Value("d", 0.0, lock=False)
+    stderr = scratch / f"{loop_path(folder, loop).stem}.txt"
+    process = context.Process(
+        target=_begin, args=(work, loop, folder, reached, stderr), name=loop.name, daemon=True
+    )
+    process.start()
+    return _Running(loop, process, reached, stderr)
+
+
+def _begin(work: Work, loop: Loop, folder: Path, reached: Any, stderr: Path) -> None:
+    """What a process does: `work`, with the clock of the motion in shared memory."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends it
+    with open(stderr, "w") as file:
+        os.dup2(file.fileno(), 2)
+    parent = os.getppid()
+
+    def told(t: float) -> None:
+        reached.value = t
+        if os.getppid() != parent:
+            os._exit(1)  # the campaign was killed
+
+    work(loop, folder, told)
+
+
+def _settle(ended: _Running, folder: Path) -> None:
+    """Where a process left no result, say why in one."""
+    if load_loop(folder, ended.loop) is not None:
+        return
+    code = ended.process.exitcode
+    verdict, reason = "crashed", f"left with exit code {code}"
+    if code < 0:
+        reason = signal.Signals(-code).name
+    if ended.late:
+        verdict, reason = "timeout", "one QP took so long that the process was killed"
+    lines: list[str] = []
+    with contextlib.suppress(OSError):
+        lines = ended.stderr.read_text(errors="replace").strip().splitlines()
+    if lines and verdict == "crashed":
+        reason = f"{reason}: {lines[-1].strip()[:200]}"
+    reached = float(ended.reached.value)
+    write_loop(folder, LoopResult(ended.loop, verdict, reason, reached, {}, None))

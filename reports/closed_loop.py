@@ -1,0 +1,288 @@
+"""What `glambda closed-loop` prints and writes: what a solver does to the motion.
+
+    closed_loop_reference        how good the reference is, and what the error of ε is
+    closed_loop_sloppy           error of the motion against the accuracy of the answers
+    closed_loop_motion_SCENE     every loop: error, separation, events
+    closed_loop_physics_SCENE    every loop: steps, penetration, energy, Signorini, accuracy
+
+Three figures (`reports.closed_loop_figures`); one page, closed_loop.md, which opens with what was
+found, in sentences made from the numbers (`reports.closed_loop_findings`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from rich.console import Console
+from rich.text import Text
+
+from harness.closed_loop import Findings
+from harness.in_loop import NOISES, SLOPPY
+from harness.machine import machine_label
+from harness.motion_error import APART, MATCHED_KINDS, WINDOW
+from reports.closed_loop_figures import plot_accuracy, plot_physics, plot_separation
+from reports.closed_loop_findings import AS_GOOD, discretization, findings_of, harmless, own_error
+from reports.table import Table, percent, print_tables, scientific, short, times, whole
+
+
+def metres(value: Any) -> str:
+    """0.00012 → 0.12 mm; below a nanometre as an exponent."""
+    size = float(value)
+    for unit, one in (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6), ("nm", 1e-9)):
+        if size >= one:
+            return f"{short(size / one)} {unit}"
+    return "0" if size == 0 else f"{scientific(size)} m"
+
+
+def seconds(value: Any) -> str:
+    """A time in the motion."""
+    return f"{float(value):.3f}"
+
+
+def reference_table(found: Sequence[Findings]) -> Table:
+    """How good the references are."""
+    rows = []
+    for each in found:
+        twin, check = discretization(each), each.check_error.largest(each.common)
+        rows.append(
+            {
+                "scene": each.scene,
+                "ε": each.eps,
+                "ends": each.reference.reached,
+                "judged to": each.common,
+                "steps at ε": each.twin.measures["steps"],
+                "check": each.check.measures["steps"],
+                "reference": each.reference.measures["steps"],
+                "check off by": check,
+                "reference off by": own_error(each),
+                "error of ε": twin,
+                "to first impact": each.twin_error.largest(each.first_impact),
+                "apart": each.twin_error.apart,
+            }
+        )
+    return Table(
+        name="closed_loop_reference",
+        title="The reference, and the error of ε",
+        reading=(
+            "exact QPs (the paper's method at 1e-12 of the scale) at ε, at the smaller ε of the "
+            "check and at the ten times smaller one of the reference. check off by: its distance "
+            "from the reference; the reference itself is off by a ninth of that, the error being "
+            "proportional to ε. error of ε: what exact QPs at ε leave, up to the time that loops "
+            f"are judged to, at which they or the check are more than {metres(APART)} off (apart) "
+            "or everything has come to its end."
+        ),
+        data=pd.DataFrame(rows),
+        formats={
+            "ε": short, "ends": seconds, "judged to": seconds, "apart": seconds,
+            **dict.fromkeys(["steps at ε", "check", "reference"], whole),
+            **dict.fromkeys(
+                ["check off by", "reference off by", "error of ε", "to first impact"], metres
+            ),
+        },
+    )  # fmt: skip
+
+
+def sloppy_table(found: Sequence[Findings]) -> Table:
+    """Error of the motion under solvers that are wrong by so much."""
+    rows = []
+    sweep: list[str] = []
+    for each in found:
+        for name in SLOPPY:
+            own = each.rows[each.rows["solver"] == name]
+            if not len(own):
+                continue
+            errors = dict(zip(own["setting"], own["error"], strict=True))
+            sweep += [setting for setting in errors if setting not in sweep]
+            noise = name[len("sloppy[") : -1]
+            limit = harmless(each, name)
+            rows.append({"scene": each.scene, "δx": noise, **errors, "harmless to": limit})
+    columns = ["scene", "δx", *sweep, "harmless to"]
+    return Table(
+        name="closed_loop_sloppy",
+        title="Answers that are wrong by a known amount",
+        reading=(
+            "largest pose error up to the time judged to, where every answer is x* + δx with "
+            "‖A δx‖ that many times the ε₀ of its QP. δx is random over all rows (any), random "
+            "over those between their bounds (free), or along x* so that forces are too large "
+            "(more) or too small (less). harmless to: the largest multiple up to which the error "
+            f"stays within {times(AS_GOOD)} the error of ε."
+        ),
+        data=pd.DataFrame(rows, columns=columns),
+        formats={**dict.fromkeys(sweep, metres), "harmless to": "{:g}x".format},
+    )
+
+
+def motion_table(each: Findings) -> Table:
+    """One scene: how near the motions are."""
+    rows = each.rows
+    data = pd.DataFrame(
+        {
+            "solver": rows["solver"],
+            "setting": rows["setting"],
+            "verdict": rows["verdict"],
+            "reached": rows["reached"],
+            "first impact": rows["error_first"],
+            "error": rows["error"],
+            "rms": rows["rms"],
+            "from exact": rows["from_twin"],
+            "to the end": rows["error_end"],
+            "apart": rows["apart"],
+            "events": rows["matched"],
+            "missing": rows["missing"],
+            "extra": rows["extra"],
+            "event error": rows["event_error"],
+            "mismatch": rows["mismatch"],
+        }
+    )
+    lengths = ["first impact", "error", "rms", "from exact", "to the end"]
+    return Table(
+        name=f"closed_loop_motion_{_plain(each.scene)}",
+        title=f"The motion, {each.scene}",
+        reading=(
+            "pose error against the reference: the largest up to the first impact "
+            f"({seconds(each.first_impact)} s), the largest and the root mean square up to "
+            f"{seconds(each.common)} s, where exact QPs at this ε are still with it, and the "
+            "largest to the end. from exact: distance to exact QPs at the same ε, which is the "
+            f"solver's own doing. apart: when it is {metres(APART)} off [s]. events: "
+            f"{', '.join(MATCHED_KINDS)} that have a partner within {1000 * WINDOW:g} ms in the "
+            "reference, those without one on either side, the largest time between partners, and "
+            "the first without one [s]."
+        ),
+        data=data,
+        formats={
+            **dict.fromkeys(lengths, metres),
+            **dict.fromkeys(["events", "missing", "extra"], whole),
+            **dict.fromkeys(["reached", "apart", "mismatch"], seconds),
+            "event error": _milliseconds,
+        },
+        notes=[
+            f"{row.solver} at {row.setting}: {row.reason}."
+            for row in rows.itertuples()
+            if row.reason
+        ],
+    )
+
+
+def physics_table(each: Findings) -> Table:
+    """One scene: what the stepper had to do, and what the physics became."""
+    rows = each.rows
+    peak = each.reference.measures["peak_kinetic"]
+    data = pd.DataFrame(
+        {
+            "solver": rows["solver"],
+            "setting": rows["setting"],
+            "steps": rows["steps"],
+            "rejected": rows["rejected_steps"],
+            "restarts": rows["restarts"],
+            "impulses": rows["impulses"],
+            "QPs": rows["qps"],
+            "worst step": rows["eps0_ratio"],
+            "worst impulse": rows["impulse_ratio"],
+            "missed": rows["missed"] / rows["qps"],
+            "overlap": rows["overlap"],
+            "approach": rows["approach"],
+            "pull": rows["pull"],
+            "pumped": rows["pumped"] / peak,
+            "gained": (rows["gained_at_steps"] + rows["gained_at_impulses"]) / peak,
+            "lost at impulses": rows["lost_at_impulses"] / peak,
+            "energy at end": rows["energy_end"] / peak,
+            "in QPs": rows["call_time"] / rows["wall_time"],
+        }
+    )
+    counts = ["steps", "rejected", "restarts", "impulses", "QPs"]
+    return Table(
+        name=f"closed_loop_physics_{_plain(each.scene)}",
+        title=f"Steps, accuracy and physics, {each.scene}",
+        reading=(
+            "worst step, worst impulse: the largest ‖A(x − x*)‖ of an answer in multiples of what "
+            "its QP needs (ε₀; 1e-10 of the momentum for an impulse). missed: share of answers "
+            "beyond ten times that which the solver calls solved. overlap: the deepest of two "
+            "parts. approach [m/s], pull [N]: g_Nᵀq̇ < 0 and λ_N < 0 at the end of a step. pumped: "
+            "work of contact forces on contacts that separate; gained: what T + V rises at steps "
+            f"and impulses; all energies over the largest kinetic energy, {short(peak)} J. in "
+            "QPs: share of the wall time that was spent in the solver's calls."
+        ),
+        data=data,
+        formats={
+            **dict.fromkeys(counts, whole),
+            **dict.fromkeys(["worst step", "worst impulse", "approach", "pull"], short),
+            **dict.fromkeys(["missed", "in QPs"], percent),
+            **dict.fromkeys(["pumped", "gained", "energy at end"], scientific),
+            "lost at impulses": short,
+            "overlap": metres,
+        },
+    )
+
+
+def _milliseconds(value: Any) -> str:
+    return f"{short(1000 * float(value))} ms"
+
+
+def _plain(scene: str) -> str:
+    return scene.replace(",", "_").replace("=", "")
+
+
+def tables_of(found: Sequence[Findings]) -> list[Table]:
+    """All tables of the page."""
+    tables = [reference_table(found), sloppy_table(found)]
+    for each in found:
+        tables += [motion_table(each), physics_table(each)]
+    return [table for table in tables if len(table.data)]
+
+
+def print_closed_loop(console: Console, found: Sequence[Findings]) -> None:
+    """Print what was found, and the tables of the motions with their notes."""
+    for sentence in findings_of(found):
+        console.print(Text(f"- {sentence}"))
+    console.print()
+    print_tables(console, [t for t in tables_of(found) if "physics" not in t.name])
+
+
+FIGURES = (
+    ("closed_loop_accuracy", "Error of the motion against the worst answer", plot_accuracy),
+    ("closed_loop_separation", "Pose error in time", plot_separation),
+    ("closed_loop_physics", "Overlap and energy gained against the worst answer", plot_physics),
+)
+
+
+def write_closed_loop(found: Sequence[Findings], folder: str | Path) -> Path:
+    """Write closed_loop.md, closed_loop.csv, the figures and one CSV per table; return the page."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    rows = pd.concat([each.rows for each in found], ignore_index=True)
+    rows.to_csv(
+        folder / "closed_loop.csv", index=False, lineterminator="\n", float_format="%.12g"
+    )  # fmt: skip
+    tables = tables_of(found)
+    for table in tables:
+        (folder / f"{table.name}.csv").write_text(table.to_csv(), encoding="utf-8")
+    for name, _, plot in FIGURES:
+        for suffix in (".svg", ".png"):
+            plot(found, folder / f"{name}{suffix}")
+    page = folder / "closed_loop.md"
+    page.write_text(_page(found, tables), encoding="utf-8")
+    return page
+
+
+def _page(found: Sequence[Findings], tables: Sequence[Table]) -> str:
+    backends = {s for each in found for s in each.rows["solver"]} - set(SLOPPY)
+    introduction = (
+        f"Each of {len(backends)} backends drives {len(found)} scenes: its answers make its own "
+        "next QPs. The motions are compared with a fine reference and with exact QPs at the same "
+        f"ε; and so are {len(NOISES)} kinds of solvers whose answers are wrong by a known amount. "
+        f"Made on {machine_label()}."
+    )
+    said = "\n".join(f"- {sentence}" for sentence in findings_of(found))
+    pictures = [f"![{caption}]({name}.png)\n" for name, caption, _ in FIGURES]
+    return "\n".join(
+        [
+            "# What a sloppy solver does to the motion\n",
+            introduction + "\n",
+            said + "\n",
+            *pictures,
+            *(table.to_markdown() for table in tables),
+        ]
+    )

@@ -1,0 +1,231 @@
+"""What the closed loops found, in sentences made from their numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from harness.closed_loop import Findings
+from harness.in_loop import EXACT, METHOD, SLOPPY
+from reports.findings import join
+from reports.table import percent, scientific, short, times
+
+AS_GOOD = 2.0
+"""Times the error of ε within which a motion counts as good as that of exact QPs."""
+NOTABLE_ENERGY = 1e-3
+"""Energy pumped in, over the largest kinetic energy, that is worth a sentence."""
+DEEPER = 10.0
+"""Times the overlap of exact QPs that is worth a sentence."""
+
+
+def discretization(each: Findings) -> float:
+    """Largest error of exact QPs at ε up to the time judged to [m]."""
+    return each.twin_error.largest(each.common)
+
+
+def own_error(each: Findings) -> float:
+    """Estimated error of the reference up to there [m]: ε of the check is `ratio` times its ε."""
+    ratio = each.check.loop.eps / each.reference.loop.eps
+    return each.check_error.largest(each.common) / (ratio - 1)
+
+
+def allowed(each: Findings) -> float:
+    """Largest error [m] of a motion that is as good as that of exact QPs."""
+    return AS_GOOD * max(discretization(each), own_error(each))
+
+
+def is_good(each: Findings) -> pd.Series:
+    """Per row, whether the motion came to its end as good as that of exact QPs."""
+    return (each.rows["verdict"] == "finished") & (each.rows["error"] <= allowed(each))
+
+
+def factor(setting: str) -> float:
+    """100x → 100."""
+    return float(setting[:-1])
+
+
+def harmless(each: Findings, solver: str) -> float:
+    """Largest multiple of ε₀ up to which every motion of a sloppy solver is good; NaN if none."""
+    own = each.rows[(each.rows["solver"] == solver)].assign(good=is_good(each))
+    own = own[own["setting"].str.endswith("x")]
+    best = float("nan")
+    for row in sorted(own.itertuples(), key=lambda row: factor(row.setting)):
+        if not row.good:
+            break
+        best = factor(row.setting)
+    return best
+
+
+def backends(each: Findings) -> pd.DataFrame:
+    """Rows of the backends: neither sloppy on purpose nor the exact QPs."""
+    rows = each.rows
+    exact = (rows["solver"] == METHOD) & (rows["setting"] == EXACT)
+    return rows[~exact & ~rows["solver"].isin(SLOPPY)]
+
+
+def findings_of(found: Sequence[Findings]) -> list[str]:
+    """The sentences."""
+    return [
+        *_reference(found),
+        *_finished(found),
+        *_good(found),
+        *_sloppy(found),
+        *_physics(found),
+        *_cost(found),
+    ]
+
+
+def _named(rows: pd.DataFrame, values: Sequence[str] | None = None) -> list[str]:
+    """ "osqp at default (3.1×)" for each row."""
+    names = [f"{row.solver} at {row.setting}" for row in rows.itertuples()]
+    if values is None:
+        return names
+    return [f"{name} ({value})" for name, value in zip(names, values, strict=True)]
+
+
+def _millimetres(metres: float) -> str:
+    return f"{short(1000 * metres)} mm"
+
+
+def _reference(found: Sequence[Findings]) -> list[str]:
+    said = []
+    for each in found:
+        twin, own = discretization(each), own_error(each)
+        text = (
+            f"{each.scene}: with exact QPs, ε = {each.eps:g} leaves a largest pose error of "
+            f"{_millimetres(twin)} up to t = {each.common:.2f}; the reference itself is off by "
+            f"about {_millimetres(own)}."
+        )
+        if not np.isnan(each.twin_error.apart):
+            text += (
+                f" At t = {each.twin_error.apart:.2f} even exact QPs separate from it, so that "
+                "loops are judged up to there."
+            )
+        said.append(text)
+    return said
+
+
+def _finished(found: Sequence[Findings]) -> list[str]:
+    parts = [backends(each) for each in found]
+    total = sum(len(part) for part in parts)
+    if not total:
+        return []
+    lost = [
+        f"{each.scene}: "
+        + join(_named(bad, [f"{r.verdict} at t = {r.reached:.2f}" for r in bad.itertuples()]))
+        for each, part in zip(found, parts, strict=True)
+        if len(bad := part[part["verdict"] != "finished"])
+    ]
+    ended = total - sum(int((part["verdict"] != "finished").sum()) for part in parts)
+    text = f"{ended} of {total} loops of the backends came to their end."
+    return [text + (" The others: " + "; ".join(lost) + "." if lost else "")]
+
+
+def _good(found: Sequence[Findings]) -> list[str]:
+    said = []
+    for each in found:
+        rows = backends(each)
+        if not len(rows):
+            continue
+        good = is_good(each)[rows.index]
+        bad = rows[~good & (rows["verdict"] == "finished")].sort_values("error", ascending=False)
+        text = (
+            f"{each.scene}: {int(good.sum())} of {len(rows)} loops of the backends are as good as "
+            f"exact QPs (within {times(AS_GOOD)} their error)."
+        )
+        if len(bad):
+            unnoticed = bad[bad["missed"] == 0]
+            named = join(_named(bad, [_millimetres(error) for error in bad["error"]]), most=8)
+            text += f" Not so: {named}; the stepper noticed nothing."
+            if len(unnoticed):
+                text += (
+                    f" Of these, {join(_named(unnoticed), most=8)} met the accuracy that every QP "
+                    "of a step or impulse asks for, within ten times."
+                )
+        said.append(text)
+    return said
+
+
+def _sloppy(found: Sequence[Findings]) -> list[str]:
+    said = []
+    for each in found:
+        limits = {name: harmless(each, name) for name in SLOPPY if name in set(each.rows["solver"])}
+        if not limits:
+            continue
+        sweep = [factor(s) for s in each.rows["setting"] if s.endswith("x")]
+        text = []
+        for name, limit in limits.items():
+            noise = name[len("sloppy[") : -1]
+            if np.isnan(limit):
+                text.append(f"{noise}: not even {min(sweep):g} ε₀")
+            else:
+                text.append(f"{noise}: {limit:g} ε₀")
+        enough = all(limit >= 1 for limit in limits.values())
+        judged = (
+            "The accuracy ε₀ of (3.13) is enough here"
+            if enough
+            else "The accuracy ε₀ of (3.13) is not enough here"
+        )
+        said.append(
+            f"{each.scene}: {judged}. Errors of known size are harmless up to {'; '.join(text)}."
+        )
+    return said
+
+
+def _physics(found: Sequence[Findings]) -> list[str]:
+    said = []
+    for each in found:
+        rows = backends(each)
+        rows = rows[rows["overlap"].notna()] if "overlap" in rows else rows[:0]
+        if not len(rows):
+            continue
+        peak, exact = each.reference.measures["peak_kinetic"], each.twin.measures
+        pumped = rows[rows["pumped"] > NOTABLE_ENERGY * peak].sort_values(
+            "pumped", ascending=False
+        )  # fmt: skip
+        if len(pumped):
+            shares = [percent(value / peak) for value in pumped["pumped"]]
+            said.append(
+                f"{each.scene}: forces too large pump energy in: {join(_named(pumped, shares))} of "
+                "the largest kinetic energy."
+            )
+        deep = rows[rows["overlap"] > DEEPER * max(exact["overlap"], 1e-9)]
+        if len(deep):
+            depths = [_millimetres(value) for value in deep["overlap"]]
+            said.append(
+                f"{each.scene}: bodies overlap by more than {times(DEEPER)} what they do with "
+                f"exact QPs ({_millimetres(exact['overlap'])}): {join(_named(deep, depths))}."
+            )
+        approach = rows.loc[rows["approach"].idxmax()]
+        if approach["approach"] > 0.1 * each.eps:
+            said.append(
+                f"{each.scene}: the fastest approach of a closed contact is "
+                f"{scientific(approach['approach'])} m/s ({_named(rows.loc[[approach.name]])[0]})."
+            )
+    return said or ["No backend pumped a notable amount of energy in, or let bodies sink."]
+
+
+def _cost(found: Sequence[Findings]) -> list[str]:
+    said = []
+    for each in found:
+        rows = each.rows[each.rows["verdict"] == "finished"]
+        exact = each.twin.measures["qps"]
+        most = rows.loc[rows["qps"].idxmax()]
+        if most["qps"] > AS_GOOD * exact:
+            said.append(
+                f"{each.scene}: inaccurate answers cost QPs as well: "
+                f"{_named(rows.loc[[most.name]])[0]} needed {times(most['qps'] / exact)} those of "
+                "exact QPs, in rejected and shorter steps."
+            )
+    own = pd.concat([backends(each) for each in found])
+    own = own[own["verdict"] == "finished"]
+    if len(own):
+        share = own.groupby("solver")["call_time"].sum() / own.groupby("solver")["wall_time"].sum()
+        said.append(
+            f"The calls of the solver take {percent(share.min())} ({share.idxmin()}) to "
+            f"{percent(share.max())} ({share.idxmax()}) of the wall time of a loop; the rest is "
+            "the stepper's."
+        )
+    return said
