@@ -11,6 +11,8 @@ p. 159]) turn it into a non-negative least-squares problem, a `ContactQP` like e
 
     minimise ½‖B u − e_last‖², u ≥ 0,   B = [Eᵀ; eᵀ];   z = −r_head / r_last,  r = B u − e_last
 
+Large sparse QPs go another way to the same λ, `problems.sparse_minimum_norm`.
+
 This differs from the paper: 1. the Coulomb rows; against lagged bounds alone, (4.8) shrinks λ_N
 while |λ_F| stays below an old bound, so the next bound is too small and a resting contact slips, is
 caught and slips again for ever.  They are left out where they are not feasible.  2. z is scaled by
@@ -29,22 +31,25 @@ from scipy.sparse.linalg import splu
 
 from problems.qp import ContactQP, Matrix, Vector
 from problems.sequence import QPSequence
+from problems.sparse_minimum_norm import SAME_FORCE, ridge_minimum_norm
 
 RANK_TOL = 1e-10
 """Diagonal entries of R below this fraction of the first count as 0."""
-SAME_FORCE = 1e-9
-"""Change of A λ, relative, beyond which a minimum-norm λ is not taken."""
 ACCURACY = 1e-12
 """Accuracy asked of the least-squares residual, whose last entry is at least ½."""
 SAFE_FRACTION = 1e-6
 """Singular values above this fraction of ‖A‖ leave no doubt about the rank."""
+SPARSE_SAFE_FRACTION = 3e-7
+"""The same for a sparse A, as a fraction of its longest column."""
 
 
 def surely_independent(A: Matrix) -> bool:
     """Whether the columns of A (m, k) are independent beyond doubt; False proves nothing.
 
     With τ = `SAFE_FRACTION` ‖A‖_F, AᵀA − τ²I has Cholesky factors only if every singular value
-    exceeds τ: far above rounding, which is some k u ‖A‖² in AᵀA, and far above `RANK_TOL`.
+    exceeds τ: far above rounding, which is some k u ‖A‖² in AᵀA, and far above `RANK_TOL`.  An
+    entry of a sparse AᵀA is a sum of a few products, and a long chain of contacts has singular
+    values of 1/n², so that τ is smaller there.
     """
     m, k = A.shape
     if k == 0 or k > m:
@@ -54,7 +59,7 @@ def surely_independent(A: Matrix) -> bool:
         normal.flat[:: k + 1] -= SAFE_FRACTION**2 * np.trace(normal)
         return int(dpotrf(normal, overwrite_a=True)[1]) == 0
     normal = A.T @ A
-    shift = SAFE_FRACTION**2 * normal.trace()
+    shift = SPARSE_SAFE_FRACTION**2 * normal.diagonal().max()
     try:
         factors = splu(
             sp.csc_matrix(normal - shift * sp.eye_array(k)),
@@ -101,6 +106,8 @@ def minimum_norm(qps: QPSequence, qp: ContactQP, x: Vector, coulomb: sp.csr_arra
     """
     if surely_independent(qp.A):
         return x
+    if sp.issparse(qp.A):
+        return ridge_minimum_norm(qps, qp, x, coulomb)
     movable = qp.lower < qp.upper  # fixed rows would be two opposite inequalities
     x = np.clip(x, qp.lower, qp.upper)
     Q2 = null_space(qp.dense_A[:, movable])

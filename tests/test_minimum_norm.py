@@ -159,3 +159,72 @@ def test_a_least_norm_that_changes_the_force_is_not_taken():
     x = np.array([1.0, 2.0, 0.1])
     least = minimum_norm(sequence(), qp, x, None)
     np.testing.assert_allclose(qp.A @ least, qp.A @ x, rtol=1e-9)
+
+
+# --- sparse: by a ridge and the method of multipliers --------------------------------------------
+
+
+def two_tables(rng, mu):
+    """Loads on two rows of legs with friction between them: redundant, and its Coulomb rows."""
+    legs = 6
+    A = np.zeros((6, 3 * legs))
+    where = np.linspace(-1, 1, legs)
+    A[0, :legs], A[1, :legs] = 1.0, where + 0.1 * rng.uniform(size=legs)
+    A[2, legs : 2 * legs], A[3, legs : 2 * legs] = 1.0, where
+    A[4, 2 * legs :], A[5, 2 * legs :] = 1.0, rng.uniform(-1, 1, legs)
+    C = sp.csr_array(
+        np.vstack(
+            [
+                np.hstack([mu * np.eye(legs), mu * np.eye(legs), -np.eye(legs)]),
+                np.hstack([mu * np.eye(legs), mu * np.eye(legs), np.eye(legs)]),
+            ]
+        )
+    )
+    lam = np.concatenate([rng.uniform(0, 2, 2 * legs), np.zeros(legs)])
+    lam[2 * legs :] = mu * (lam[:legs] + lam[legs : 2 * legs]) * rng.uniform(0.5, 1.0, legs)
+    lower = np.concatenate([np.zeros(2 * legs), np.full(legs, -50.0)])
+    upper = np.concatenate([np.full(2 * legs, np.inf), np.full(legs, 50.0)])
+    return A, lam, lower, upper, C
+
+
+@pytest.mark.parametrize("with_rows", [False, True])
+@pytest.mark.parametrize("seed", range(8))
+def test_the_sparse_way_finds_the_same_multipliers(seed, with_rows):
+    A, lam, lower, upper, C = two_tables(np.random.default_rng(seed), mu=0.4)
+    rows = C if with_rows else None
+    dense = minimum_norm(sequence(), ContactQP(A, -A @ lam, lower, upper), lam, rows)
+    sparse_qp = ContactQP(sp.csc_array(A), -A @ lam, lower, upper)
+    sparse = minimum_norm(sequence(), sparse_qp, lam, rows)
+    np.testing.assert_allclose(sparse, dense, atol=1e-8)
+    np.testing.assert_allclose(A @ sparse, A @ lam, rtol=1e-8)
+    if with_rows:
+        assert (C @ sparse).min() >= -1e-8
+
+
+def test_the_cone_matters_in_some_of_those_cases():
+    broken = 0
+    for seed in range(8):
+        A, lam, lower, upper, C = two_tables(np.random.default_rng(seed), mu=0.4)
+        qp = ContactQP(sp.csc_array(A), -A @ lam, lower, upper)
+        broken += bool((C @ minimum_norm(sequence(), qp, lam, None)).min() < -1e-6)
+    assert broken >= 2
+
+
+def test_the_sparse_way_leaves_out_a_cone_without_that_force():
+    A, lam, lower, upper, C = two_tables(np.random.default_rng(0), mu=0.4)
+    lam[12:] *= 3  # far outside the cone
+    qp = ContactQP(sp.csc_array(A), -A @ lam, lower, upper)
+    kept, free = (minimum_norm(sequence(), qp, lam, rows) for rows in (C, None))
+    np.testing.assert_array_equal(kept, free)
+
+
+def test_the_sparse_way_leaves_fixed_rows_and_unique_answers_alone():
+    A, lam, lower, upper, C = two_tables(np.random.default_rng(1), mu=0.4)
+    lower[[0, 13]] = upper[[0, 13]] = lam[[0, 13]]
+    found = minimum_norm(sequence(), ContactQP(sp.csc_array(A), -A @ lam, lower, upper), lam, C)
+    np.testing.assert_array_equal(found[[0, 13]], lam[[0, 13]])
+    np.testing.assert_allclose(A @ found, A @ lam, rtol=1e-8)
+    qps = sequence()
+    qp = ContactQP(sp.eye_array(3, format="csc"), -np.ones(3), np.zeros(3), np.full(3, np.inf))
+    np.testing.assert_array_equal(minimum_norm(qps, qp, np.ones(3), None), np.ones(3))
+    assert not qps.qps
