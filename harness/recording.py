@@ -18,13 +18,15 @@ generators V.  In Python:
 
 Attributes of the file: `format`, `version`, `scene` (label), `parameters` (JSON), `eps`, `gravity`
 [m/s²], `code_version` and `digest`; attributes of the group `counts`: the stepper's work counts.
+Texts are UTF-8 of fixed length, which h5py shows as bytes.
 
 The digest is the sha256 of names, types, shapes and bytes of all datasets and of all attributes but
 `digest` and `code_version`: two versions of the code that pose the same QPs make recordings that
 are the same to every study.  Two runs of one version make bit-identical files.
 
-A reader trusts nothing: format and version, then names, types and sizes of all datasets (before
-anything is allocated), then the digest, then the values.  Timings and solver memory are not stored.
+A reader trusts nothing: first the seal over all bytes, then names, types and sizes of everything,
+before anything is allocated (`harness.recording_file`), then the digest, then the values.  Timings
+and solver memory are not stored.
 """
 
 from __future__ import annotations
@@ -38,31 +40,22 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.recording_layout import FIELDS, MAY_BE_INFINITE, check_lengths, pack, unpack
+from harness.recording_file import HEADER, RecordingError, Stored, file_bytes, read_file
+from harness.recording_layout import MAY_BE_INFINITE, check_lengths, pack, unpack
+from harness.whole_files import write_whole
 from problems.qp import AT_LOWER, AT_UPPER, FREE, PASSIVE, ContactQP, Solution, Vector
 
-FORMAT = "glambda recording"
-VERSION = 2
 REMEDY = "record the scene again with 'glambda record'"
 MEMBERS = (AT_LOWER, FREE, AT_UPPER, PASSIVE)
-
-
+LABEL_LIMIT = 150
+"""Longest label [bytes]: with a solver's name it still makes a file name."""
 PROOFS = ("exact", "bound", "ill-posed")
 """What a reference rests on: the answer in exact arithmetic (`harness.proof`); the bound that
 trusts nobody (`harness.error_bound`), which holds up to rounding; the same, where the recorded data
 taken exactly have another answer, which any other rounding of them would change."""
-
-
-Wrong = Callable[[str, str], "RecordingError"]
-"""Makes the error for (field, what is wrong)."""
-
-
-class RecordingError(ValueError):
-    """A file that is no sound recording: which file, which field, what to do.  One line."""
 
 
 class Event(NamedTuple):
@@ -143,24 +136,12 @@ def write_recording(path: str | os.PathLike[str], recording: Recording) -> None:
     check_lengths(arrays, wrong)
     _check_label(recording.scene, wrong)
     header, counts = _header(recording), {n: int(c) for n, c in recording.counts.items()}
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        with h5py.File(temporary, "w", track_order=False) as file:
-            for name, field in FIELDS.items():
-                dataset = file.create_dataset(name, data=arrays[name], track_times=False)
-                dataset.attrs["meaning"] = field.meaning
-                dataset.attrs["unit"] = field.unit
-            for key in sorted(header):
-                file.attrs[key] = header[key]
-            file.attrs["code_version"] = recording.code_version
-            file.attrs["digest"] = _digest(arrays, header, counts)
-            group = file.create_group("counts")
-            for key in sorted(counts):
-                group.attrs[key] = counts[key]
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    attributes = {
+        **header,
+        "code_version": recording.code_version,
+        "digest": _digest(arrays, header, counts),
+    }
+    write_whole(path, file_bytes(Stored(attributes, arrays, counts)))
 
 
 def read_recording(path: str | os.PathLike[str]) -> Recording:
@@ -174,20 +155,13 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
     def wrong(field: str, what: str) -> RecordingError:
         return RecordingError(" ".join(f"{path}: {field}: {what}; {REMEDY}".split()))
 
-    if not path.is_file():
-        raise wrong("file", "there is no such file")
-    try:
-        with h5py.File(path, "r") as file:
-            header = _read_header(file, wrong)
-            arrays = _read_arrays(file, path.stat().st_size, wrong)
-            counts = {str(n): int(c) for n, c in file["counts"].attrs.items()}
-            stored, code_version = str(file.attrs["digest"]), str(file.attrs["code_version"])
-    except RecordingError:
-        raise
-    # The bytes are foreign: h5py raises any of these on a damaged file.
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError, OverflowError) as error:
-        raise wrong("file", f"cannot be read as HDF5 ({error}): truncated or foreign") from None
-    if _digest(arrays, header, counts) != stored:
+    attributes, arrays, counts = read_file(path, wrong)
+    header = {name: attributes[name] for name in HEADER}
+    for name in ("eps", "gravity"):
+        if not np.isfinite(header[name]):
+            raise wrong(name, f"is {header[name]}; it must be finite")
+    _check_label(header["scene"], wrong)
+    if _digest(arrays, header, counts) != attributes["digest"]:
         raise wrong("digest", "the content does not match it: the file was damaged or altered")
     for name, array in arrays.items():
         if array.dtype.kind == "f":
@@ -208,74 +182,40 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
             parameters=_parameters(header["parameters"]),
             eps=header["eps"],
             gravity=header["gravity"],
-            code_version=code_version,
-            counts=dict(sorted(counts.items())),
+            code_version=attributes["code_version"],
+            counts=dict(counts),
             **content,
         )
     except (ValueError, KeyError) as error:
         raise wrong("content", str(error)) from None
 
 
-def _read_header(file: h5py.File, wrong: Wrong) -> dict[str, Any]:
-    """Attributes of the file, after a look at format and version."""
-    if file.attrs.get("format") != FORMAT:
-        raise wrong("format", f"is {file.attrs.get('format')!r}, not {FORMAT!r}: a foreign file")
-    if file.attrs.get("version") != VERSION:
-        raise wrong("version", f"is {file.attrs.get('version')}; this glambda reads {VERSION}")
-    header: dict[str, Any] = {"format": FORMAT, "version": VERSION}
-    for key, kind in {"scene": str, "parameters": str, "eps": float, "gravity": float}.items():
-        if key not in file.attrs:
-            raise wrong(key, "is missing")
-        header[key] = kind(file.attrs[key])
-        if kind is float and not np.isfinite(header[key]):
-            raise wrong(key, f"is {header[key]}; it must be finite")
-    _check_label(header["scene"], wrong)
-    for key in ("code_version", "digest"):
-        if key not in file.attrs:
-            raise wrong(key, "is missing")
-    return header
-
-
 def _check_label(label: str, wrong: Callable[[str, str], ValueError]) -> None:
     """Refuse a label that is no file name: recordings and shards are stored under it."""
-    if not label.isprintable() or not label.strip(". ") or {*"/\\"} & {*label} or len(label) > 200:
+    sound = label.isprintable() and label.strip(". ") and not {*"/\\"} & {*label}
+    if not sound or len(label.encode()) > LABEL_LIMIT:
         raise wrong("scene", f"is {label[:60]!r}, which cannot be the name of a file")
 
 
 def _parameters(text: str) -> dict[str, Any]:
-    values = json.loads(text)
-    if not isinstance(values, dict):
-        raise ValueError("parameters: is no JSON object of names and values")
-    return values
+    """Names and values from JSON, which must be written as `_header` does, or digests differ."""
+    try:
+        values = json.loads(text)
+        if isinstance(values, dict) and _json(values) == text:
+            return values
+    except (ValueError, RecursionError):
+        pass
+    raise ValueError("parameters: is no JSON object of names and values as glambda writes it")
 
 
-def _read_arrays(file: h5py.File, size: int, wrong: Wrong) -> dict[str, NDArray[Any]]:
-    """All datasets, once their types and sizes are known to be sound."""
-    shapes: dict[str, tuple[int, ...]] = {}
-    for name, field in FIELDS.items():
-        dataset = file.get(name)
-        if not isinstance(dataset, h5py.Dataset):
-            raise wrong(name, "is missing")
-        if dataset.chunks is not None or dataset.is_virtual or dataset.external:
-            raise wrong(name, "is not stored as one plain block")
-        kind = "S" if dataset.dtype.kind == "S" else dataset.dtype.str
-        if kind != field.dtype or len(dataset.shape) != 1 + len(field.columns):
-            raise wrong(name, f"has type {dataset.dtype} and shape {dataset.shape}")
-        size -= dataset.nbytes
-        shapes[name] = dataset.shape
-    if size < 0:
-        raise wrong("file", "is smaller than the arrays it claims to hold: truncated")
-    arrays = {name: np.ascontiguousarray(file[name][()]) for name in FIELDS}
-    check_lengths(arrays, wrong)
-    return arrays
+def _json(parameters: Mapping[str, Any]) -> str:
+    return json.dumps(dict(parameters), sort_keys=True, allow_nan=False)
 
 
 def _header(recording: Recording) -> dict[str, Any]:
     return {
-        "format": FORMAT,
-        "version": VERSION,
         "scene": recording.scene,
-        "parameters": json.dumps(dict(recording.parameters), sort_keys=True, allow_nan=False),
+        "parameters": _json(recording.parameters),
         "eps": float(recording.eps),
         "gravity": float(recording.gravity),
     }

@@ -4,18 +4,21 @@ A shard is one (recording, solver, setting, arm): a row per QP with `COLUMNS`, a
 four times of every pass, `build_time_0`, …, `call_time_0`, `build_time_1`, … [s].  The file's
 metadata holds its `ShardKey` as JSON.
 
-The file is written without compression, with a checksum of every page, and with times in plain, so
-that each row takes `ROW_BYTES` bytes or more.  `read_shard` trusts nothing:
+It also holds a seal, the sha256 of the file with zeros in the place of the seal.
 
-1. Before any column is read: the key's fields and types, the file's name, the columns' names and
+The file is written without compression, and with times in plain, so that each row takes `ROW_BYTES`
+bytes or more.  `read_shard` trusts nothing:
+
+1. The seal, before the Parquet library sees a byte: a flipped bit can make that abort the process.
+2. Before any column is read: the key's fields and types, the file's name, the columns' names and
    types, one block of rows, no compression, and no more rows than the file has room for.  So what
    is read takes memory in proportion to the size of the file.
-2. Then: the checksums, the length of texts, the columns that repeat the key, and the columns that
-   sum up the passes.
+3. Then: the length of texts, the columns that repeat the key, and those that sum up the passes.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -30,6 +33,8 @@ from numpy.typing import NDArray
 
 FORMAT_VERSION = 2
 METADATA = b"glambda"
+SEAL = b"glambda sha256 "
+"""What the seal begins with; 64 hexadecimal digits follow."""
 TIMES = ("build_time", "setup_time", "solve_time", "call_time")
 """Columns of `Shard.passes` [s]."""
 
@@ -109,7 +114,7 @@ class StoreError(ValueError):
 class ShardKey:
     """What a shard was made from and by.  Two shards of one name with different keys never mix.
 
-    time_limit : [s] beyond which a solve counts as timed out
+    time_limit : [s] beyond which a solve counts as timed out;  memory_limit : [GiB] of a solver
     versions : of the solver's package and of our code around it
     """
 
@@ -121,6 +126,7 @@ class ShardKey:
     versions: str
     machine: str
     time_limit: float
+    memory_limit: float = 4.0
     format_version: int = FORMAT_VERSION
 
     @property
@@ -170,12 +176,21 @@ def shard_bytes(shard: Shard) -> bytes:
         compression="none",
         use_dictionary=[name for name in COLUMNS if name not in FROM_PASSES],
         write_statistics=False,
-        write_page_checksum=True,
         store_schema=False,
     ) as writer:
         writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
-        writer.add_key_value_metadata({METADATA: json.dumps(asdict(key), sort_keys=True)})
-    return bytes(sink.getvalue())
+        about = {METADATA: json.dumps(asdict(key), sort_keys=True), "seal": SEAL + b"0" * 64}
+        writer.add_key_value_metadata(about)
+    return sealed(bytes(sink.getvalue()))
+
+
+def sealed(content: bytes) -> bytes:
+    """The content of a file with its seal made right, if it has one."""
+    before, mark, after = content.rpartition(SEAL)
+    if not mark:
+        return content
+    body = before + mark + b"0" * 64 + after[64:]
+    return before + mark + hashlib.sha256(body).hexdigest().encode() + after[64:]
 
 
 def read_shard(path: Path) -> StoredShard:
@@ -190,16 +205,17 @@ def read_shard(path: Path) -> StoredShard:
 
     if not path.is_file() or path.stat().st_size > FILE_LIMIT:
         raise wrong(f"is no file of at most {FILE_LIMIT} bytes")
-    content = pa.BufferReader(path.read_bytes())
+    content = path.read_bytes()
+    if SEAL not in content or content != sealed(content):
+        raise wrong("its seal is missing or wrong: it is damaged, foreign or of another version")
     limits = {"thrift_string_size_limit": KEY_LIMIT, "thrift_container_size_limit": KEY_LIMIT}
     try:
-        with pq.ParquetFile(content, **limits) as file:
+        with pq.ParquetFile(pa.BufferReader(content), **limits) as file:
             key = _read_key(path, file.metadata.metadata, wrong)
-            count = _check_layout(file, content.size(), wrong)
-        with pq.ParquetFile(
-            content, read_dictionary=TEXTS, page_checksum_verification=True, **limits
-        ) as file:
+            count = _check_layout(file, len(content), wrong)
+        with pq.ParquetFile(pa.BufferReader(content), read_dictionary=TEXTS, **limits) as file:
             table = file.read(use_threads=False)
+            table.validate(full=True)
     except StoreError:
         raise
     # The bytes are foreign: pyarrow raises any of these on a damaged file.

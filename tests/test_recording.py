@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 import scipy.sparse as sp
 
+from benchmarks.forgeries import forge
 from harness.recording import Recording, RecordingError, read_recording, write_recording
+from harness.recording_file import sealed
 from harness.recording_layout import FIELDS
 from tests.fake_recordings import fake_recording
 
@@ -138,52 +143,91 @@ def refusal(path: Path) -> str:
     return message
 
 
-def edit(path: Path, name: str, change: object) -> None:
-    """Replace a dataset by change(its values), attributes kept."""
-    with h5py.File(path, "r+") as raw:
+def edit(path: Path, name: str, change: Callable[[Any], Any]) -> None:
+    """Replace a dataset by change(its values), and sign and seal the file again."""
+
+    def replaced(raw: h5py.File) -> None:
         values = change(raw[name][()])
-        attributes = dict(raw[name].attrs)
         del raw[name]
-        raw.create_dataset(name, data=values).attrs.update(attributes)
+        raw[name] = values
 
-
-def sign_again(path: Path) -> None:
-    """Make the digest of an edited file right, as a forger would."""
-    from harness import recording as module
-
-    with h5py.File(path, "r+") as raw:
-        arrays = {name: raw[name][()] for name in FIELDS}
-        keys = ("format", "version", "scene", "parameters", "eps", "gravity")
-        header = {key: raw.attrs[key] for key in keys}
-        header.update(version=int(header["version"]), eps=float(header["eps"]))
-        header["gravity"] = float(header["gravity"])
-        counts = {name: int(count) for name, count in raw["counts"].attrs.items()}
-        raw.attrs["digest"] = module._digest(arrays, header, counts)
+    forge(path, replaced)
 
 
 def test_absent_foreign_and_empty_files(tmp_path: Path) -> None:
     assert "no such file" in refusal(tmp_path / "absent.h5")
     (tmp_path / "text.h5").write_text("hello")
-    assert "cannot be read as HDF5" in refusal(tmp_path / "text.h5")
+    assert "foreign" in refusal(tmp_path / "text.h5")
     (tmp_path / "empty.h5").write_bytes(b"")
-    assert "cannot be read as HDF5" in refusal(tmp_path / "empty.h5")
+    assert "truncated" in refusal(tmp_path / "empty.h5")
     with h5py.File(tmp_path / "other.h5", "w") as raw:
         raw["x"] = [1.0]
-    assert "foreign" in refusal(tmp_path / "other.h5")
+    assert "foreign or of an older version" in refusal(tmp_path / "other.h5")
+    assert "no such file" in refusal(tmp_path)
 
 
 def test_other_version(file: Path) -> None:
-    with h5py.File(file, "r+") as raw:
-        raw.attrs["version"] = 99
-    assert "version: is 99; this glambda reads 2" in refusal(file)
+    whole = file.read_bytes()
+    file.write_bytes(whole.replace(b"glambda recording 3\n", b"glambda recording 9\n", 1))
+    assert "version: is '9'; this glambda reads 3" in refusal(file)
+    file.write_bytes(whole)
+    forge(file, lambda raw: raw.attrs.__setitem__("version", 99))
+    assert "version: is '99' instead of 3" in refusal(file)
+
+
+def test_the_seal_can_be_checked_by_hand(file: Path) -> None:
+    whole = file.read_bytes()
+    first, second = whole[:512].decode().split("\n")[:2]
+    assert first == "glambda recording 3"
+    assert second == f"sha256 {hashlib.sha256(whole[512:]).hexdigest()}"
 
 
 def test_missing_and_mistyped_fields(file: Path) -> None:
     edit(file, "qps/d", lambda d: d.astype(np.float32))
     assert "qps/d: has type float32" in refusal(file)
-    with h5py.File(file, "r+") as raw:
-        del raw["qps/d"]
+    forge(file, lambda raw: raw.__delitem__("qps/d"))
     assert "qps/d: is missing" in refusal(file)
+    forge(file, lambda raw: raw.create_group("qps/d"))
+    assert "qps/d: is no dataset" in refusal(file)
+
+
+def test_links_to_other_places_are_not_followed(file: Path, tmp_path: Path) -> None:
+    whole = file.read_bytes()
+    (tmp_path / "other.h5").write_bytes(whole)
+    links = (h5py.ExternalLink("other.h5", "qps"), h5py.SoftLink("/aside"), h5py.SoftLink("/qps"))
+    for link in links:
+        file.write_bytes(whole)
+
+        def point(raw: h5py.File, link: Any = link) -> None:
+            raw.move("qps", "aside")
+            raw["qps"] = link
+
+        forge(file, point)
+        assert "qps: is a link elsewhere" in refusal(file)
+
+
+def test_arrays_that_are_elsewhere_or_nowhere_are_not_read(file: Path, tmp_path: Path) -> None:
+    whole = file.read_bytes()
+    (tmp_path / "other.h5").write_bytes(whole)
+    (tmp_path / "raw").write_bytes(bytes(10_000))
+    virtual = h5py.VirtualLayout((11,), "<f8")
+    virtual[...] = h5py.VirtualSource(str(tmp_path / "other.h5"), "qps/t", (11,))
+    for make in (
+        lambda raw: raw.create_virtual_dataset("qps/t", virtual),
+        lambda raw: raw.create_dataset(
+            "qps/t", (11,), "<f8", external=[(str(tmp_path / "raw"), 0, 88)]
+        ),
+        lambda raw: raw.create_dataset("qps/t", (10**12,), "<f8"),  # without storage
+        lambda raw: raw.create_dataset("qps/t", (10**6,), "<f8", compression="gzip"),
+    ):
+        file.write_bytes(whole)
+
+        def put(raw: h5py.File, make: Any = make) -> None:
+            del raw["qps/t"]
+            make(raw)
+
+        forge(file, put)
+        assert "qps/t: is not stored as one plain block" in refusal(file)
 
 
 @pytest.mark.parametrize(
@@ -201,12 +245,14 @@ def test_missing_and_mistyped_fields(file: Path) -> None:
 )
 def test_sizes_that_do_not_fit(file: Path, name: str, change: object) -> None:
     edit(file, name, change)
-    sign_again(file)
     assert "shape" in refusal(file) or "negative" in refusal(file)
 
 
 def test_a_changed_bit_is_noticed(file: Path) -> None:
-    edit(file, "qps/d", lambda d: np.nextafter(d, np.inf))
+    with h5py.File(file, "r+") as raw:
+        raw["qps/d"][...] = np.nextafter(raw["qps/d"][()], np.inf)
+    assert "seal" in refusal(file)
+    file.write_bytes(sealed(file.read_bytes()))
     assert "digest" in refusal(file)
 
 
@@ -217,13 +263,11 @@ def test_nan_is_refused_by_name_even_if_signed(file: Path, name: str) -> None:
         return values
 
     edit(file, name, poison)
-    sign_again(file)
     assert f"{name}: holds nan" in refusal(file)
 
 
 def test_contradictions_are_refused_even_if_signed(file: Path) -> None:
     edit(file, "qps/kind", lambda kind: np.array([b"nonsense"] * len(kind)))
-    sign_again(file)
     assert "kind 'nonsense' is unknown" in refusal(file)
 
 
@@ -233,8 +277,15 @@ def test_contradictions_are_refused_even_if_signed(file: Path) -> None:
         ("scene", "../../elsewhere/x", "scene: is '../../elsewhere/x', which cannot be the name"),
         ("scene", "\x1b[31mred", "cannot be the name of a file"),
         ("scene", "..", "cannot be the name of a file"),
+        ("scene", "ü" * 76, "cannot be the name of a file"),
         ("parameters", "[1, 2]", "no JSON object"),
-        ("parameters", "{", "content"),
+        ("parameters", "{", "no JSON object"),
+        ("parameters", "[" * 50_000, "no JSON object"),
+        ("parameters", '{"b":1}', "as glambda writes it"),
+        ("parameters", '{"b": NaN}', "as glambda writes it"),
+        ("code_version", h5py.Empty("S1"), "code_version: has type"),
+        ("code_version", np.zeros(7000), "code_version: has type float64 and shape (7000,)"),
+        ("eps", "0.001", "eps: has type"),
         ("eps", float("nan"), "eps: is nan; it must be finite"),
         ("gravity", float("inf"), "gravity: is inf; it must be finite"),
     ],
@@ -242,15 +293,30 @@ def test_contradictions_are_refused_even_if_signed(file: Path) -> None:
 def test_bad_attributes_are_refused_even_if_signed(
     file: Path, name: str, value: object, words: str
 ) -> None:
-    with h5py.File(file, "r+") as raw:
-        raw.attrs[name] = value
-    sign_again(file)
+    kept = np.bytes_(value.encode()) if isinstance(value, str) else value
+    forge(file, lambda raw: raw.attrs.__setitem__(name, kept))
     assert words in refusal(file)
+
+
+def test_a_text_of_any_length_is_not_read(file: Path) -> None:
+    """Such texts lie in HDF5's global heap, where damage can keep the library busy for ever."""
+    forge(file, lambda raw: raw.attrs.__setitem__("code_version", "text"))
+    assert "code_version: has type object" in refusal(file)
+
+
+def test_counts_must_be_whole_numbers(file: Path) -> None:
+    forge(file, lambda raw: raw["counts"].attrs.__setitem__("steps", 1.5))
+    assert "counts/steps: has type float64" in refusal(file)
+
+
+def test_without_text_there_is_text(tmp_path: Path) -> None:
+    write_recording(tmp_path / "x.h5", replace(fake_recording(), code_version="", parameters={}))
+    read = read_recording(tmp_path / "x.h5")
+    assert read.code_version == "" and read.parameters == {}
 
 
 def test_an_unknown_proof_is_refused_even_if_signed(file: Path) -> None:
     edit(file, "references/proof", lambda proof: np.array([b"my word"] * len(proof)))
-    sign_again(file)
     assert "references/proof: 'my word' is unknown" in refusal(file)
 
 
@@ -261,7 +327,6 @@ def test_values_out_of_range_are_refused_even_if_signed(
     file: Path, name: str, value: float
 ) -> None:
     edit(file, name, lambda values: np.full_like(values, value))
-    sign_again(file)
     assert f"{name}: " in refusal(file)
 
 
@@ -273,7 +338,6 @@ def test_a_label_that_is_no_file_name_is_not_written(tmp_path: Path) -> None:
 
 def test_bad_sparse_structure_is_refused_even_if_signed(file: Path) -> None:
     edit(file, "qps/A_indices", lambda indices: indices + 10_000)
-    sign_again(file)
     assert "CSC" in refusal(file)
 
 
@@ -282,21 +346,3 @@ def test_every_truncation_is_refused(file: Path) -> None:
     for length in np.linspace(0, len(whole) - 1, 60).astype(int):
         file.write_bytes(whole[:length])
         refusal(file)
-
-
-def test_fuzzed_bytes_are_refused_or_harmless(file: Path) -> None:
-    """A changed byte is refused, or lies where it changes nothing that is read."""
-    whole, made = file.read_bytes(), fake_recording()
-    rng = np.random.default_rng(1)
-    refused = 0
-    for _ in range(150):
-        changed = bytearray(whole)
-        for at in rng.integers(len(whole), size=8):
-            changed[at] ^= 1 << int(rng.integers(8))
-        file.write_bytes(bytes(changed))
-        try:
-            assert_same(replace(read_recording(file), code_version=made.code_version), made)
-        except RecordingError as error:
-            assert "\n" not in str(error)
-            refused += 1
-    assert refused > 50

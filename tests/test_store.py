@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import errno
+import json
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +15,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from harness import folder_lock, whole_files
+from harness.recording import write_recording
 from harness.shard_file import summarise
 from harness.store import (
     COLUMNS,
@@ -23,6 +30,7 @@ from harness.store import (
 )
 from tests.fake_recordings import fake_recording
 
+ROOT = Path(__file__).parents[1]
 KEY = ShardKey("fake", "abc", "daqp", "paper", "cold", "daqp 1.0", "a machine", 1.0)
 TIMES = np.array(
     [
@@ -153,12 +161,16 @@ def test_damaged_and_foreign_shards_are_named(tmp_path: Path) -> None:
     path = tmp_path / "solves" / f"{KEY.name}.parquet"
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(StoreError, match=r"cannot be read .*delete it and replay again"):
+    with pytest.raises(StoreError, match=r"seal is missing .*delete it and replay again"):
         read_results(tmp_path)
-    with pytest.raises(StoreError, match="cannot be read"):
+    with pytest.raises(StoreError, match="seal is missing"):
         store.load(KEY)
     pq.write_table(pa.table({"x": [1.0]}), path)
-    with pytest.raises(StoreError, match="no shard"):
+    with pytest.raises(StoreError, match=r"seal is missing .*foreign"):
+        read_results(tmp_path)
+    path.unlink()
+    path.mkdir()
+    with pytest.raises(StoreError, match="is no file"):
         read_results(tmp_path)
 
 
@@ -190,3 +202,173 @@ def test_recordings_are_kept_once_and_never_replaced(tmp_path: Path) -> None:
 def test_an_empty_folder_has_no_rows(tmp_path: Path) -> None:
     assert len(read_results(tmp_path)) == 0
     assert list(read_results(tmp_path).columns) == list(COLUMNS)
+
+
+HOLD = """
+import sys, time
+from harness.store import Store
+store = Store(sys.argv[1])
+print("held", flush=True)
+time.sleep(60)
+"""
+
+
+def other_process(folder: Path) -> subprocess.Popen[str]:
+    """A process that holds the folder."""
+    made = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(folder)], cwd=ROOT, stdout=subprocess.PIPE, text=True
+    )
+    assert made.stdout is not None and made.stdout.readline() == "held\n"
+    return made
+
+
+def test_one_process_writes_at_a_time_and_a_dead_one_locks_nobody_out(tmp_path: Path) -> None:
+    holder = other_process(tmp_path)
+    try:
+        words = rf"another study \(process {holder.pid}\) is writing there; wait"
+        with pytest.raises(StoreError, match=words):
+            Store(tmp_path)
+        assert len(read_results(tmp_path)) == 0  # readers need no lock
+    finally:
+        holder.kill()
+        holder.communicate()
+    assert (tmp_path / ".lock").read_text() == str(holder.pid)  # left behind
+    Store(tmp_path).save(shard())
+
+
+def test_a_process_shares_its_lock_and_gives_it_back(tmp_path: Path) -> None:
+    first, second = Store(tmp_path), Store(tmp_path / "." / "solves" / "..")
+    first.save(shard())
+    second.save(shard(replace(KEY, arm="warm")))
+    del first, second
+    holder = other_process(tmp_path)
+    holder.kill()
+    holder.communicate()
+
+
+def test_leftovers_of_killed_writers_are_cleared(tmp_path: Path) -> None:
+    Store(tmp_path).save(shard())
+    Store(tmp_path).add_recording(fake_recording())
+    left = [tmp_path / part / ".x.1.tmp" for part in ("", "solves", "recordings")]
+    for path in left:
+        path.write_bytes(b"half")
+    Store(tmp_path)
+    assert not any(path.exists() for path in left)
+    assert len(read_results(tmp_path)) == 3
+
+
+class Refusing:
+    """`os`, but for one function that fails at its n-th call."""
+
+    def __init__(self, name: str, error: int, at: int = 1) -> None:
+        self.name, self.error, self.left = name, error, at
+
+    def __getattr__(self, name: str) -> object:
+        if name != self.name:
+            return getattr(os, name)
+        return self.fail
+
+    def fail(self, *arguments: object) -> object:
+        self.left -= 1
+        if self.left == 0:
+            raise OSError(self.error, os.strerror(self.error))
+        return getattr(os, self.name)(*arguments)
+
+
+@pytest.mark.parametrize("name", ["fsync", "replace"])
+@pytest.mark.parametrize("error", [errno.ENOSPC, errno.EROFS, errno.EIO, errno.EDQUOT])
+def test_a_disk_that_refuses_is_told_in_one_line_and_costs_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, error: int
+) -> None:
+    store = Store(tmp_path)
+    store.save(shard(passes=1))
+    store.write_study({"a": 1})
+    with monkeypatch.context() as patch:
+        for write, target in (
+            (lambda: store.save(shard(passes=2)), f"solves/{KEY.name}.parquet"),
+            (lambda: store.write_study({"a": 2}), "study.json"),
+            (lambda: store.add_recording(fake_recording()), "recordings/fake.h5"),
+        ):
+            patch.setattr(whole_files, "os", Refusing(name, error))
+            with pytest.raises(StoreError, match=r"is kept: make room or give the right") as told:
+                write()
+            assert f"{target}: cannot be written ({os.strerror(error)})" in str(told.value)
+            assert "\n" not in str(told.value)
+    assert not list(tmp_path.rglob("*.tmp")) and not list(tmp_path.rglob("*.h5"))
+    assert read_results(tmp_path)["repeats"].tolist() == [1, 1, 1]
+    assert json.loads((tmp_path / "study.json").read_text()) == {"a": 1}
+    store.save(shard(passes=2))
+    assert read_results(tmp_path)["repeats"].tolist() == [2, 2, 2]
+
+
+FULL = """
+import resource, sys
+from harness.store import Store, StoreError
+from tests.fake_recordings import fake_recording
+from tests.test_store import shard
+store = Store(sys.argv[1])
+store.save(shard(passes=1))
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+for write in (lambda: store.save(shard(passes=2)), lambda: store.add_recording(fake_recording())):
+    try:
+        write()
+    except StoreError as error:
+        print(error)
+"""
+
+
+def test_a_write_that_the_system_cuts_short_costs_nothing(tmp_path: Path) -> None:
+    run = subprocess.run(
+        [sys.executable, "-c", FULL, str(tmp_path)], cwd=ROOT, capture_output=True, text=True
+    )
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.count("cannot be written (File too large)") == 2
+    assert read_results(tmp_path)["repeats"].tolist() == [1, 1, 1]
+    assert not list(tmp_path.rglob("*.tmp")) and not list(tmp_path.rglob("*.h5"))
+
+
+def test_a_folder_that_cannot_be_written_is_refused_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(StoreError, match=r"cannot be written \((File exists|Not a directory)\)"):
+        Store(tmp_path / "file")
+    monkeypatch.setattr(folder_lock, "os", Refusing("open", errno.EROFS))
+    with pytest.raises(StoreError, match="Read-only file system"):
+        Store(tmp_path)
+
+
+def test_a_recording_cannot_be_half_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(whole_files, "os", Refusing("fsync", errno.ENOSPC))
+    with pytest.raises(OSError, match="No space left") as caught:
+        write_recording(tmp_path / "x.h5", fake_recording())
+    assert caught.value.filename == str(tmp_path / "x.h5")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_clocks_and_ages_of_files_do_not_matter(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    store.save(shard(passes=1))
+    path = tmp_path / "solves" / f"{KEY.name}.parquet"
+    for when in (0, 2**31):
+        os.utime(path, (when, when))
+        loaded = store.load(KEY)
+        assert loaded is not None and loaded.passes.shape[0] == 1
+
+
+def test_long_texts_are_cut_and_whole_letters_kept(tmp_path: Path) -> None:
+    rows = [{**row, "status_text": "xµ" * 5000} for row in shard().rows]
+    Store(tmp_path).save(replace(shard(), rows=rows))
+    (text,) = read_results(tmp_path)["status_text"].unique()
+    assert text[-1] == "…" and ("xµ" * 5000).startswith(text[:-1])
+    assert 1990 < len(text.encode()) <= 2000
+
+
+def test_a_shard_without_rows_is_kept(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    store.save(Shard(KEY, [], np.empty((2, 0, 4))))
+    loaded = store.load(KEY)
+    assert loaded is not None and loaded.passes.shape == (2, 0, 4) and not len(loaded.rows)
+    assert len(read_results(tmp_path)) == len(read_repeats(tmp_path)) == 0
