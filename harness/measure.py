@@ -5,6 +5,7 @@
 2. The garbage collector runs before a pass and sleeps during it, so that no solver pays for
    another's litter.
 3. The solver's own clocks tell build, setup and solve; ours, around the whole call, `call_time`.
+   They are `believed` as far as they agree.
 4. A backend that raises, or returns no Solution, loses that QP, not the pass; running out of
    memory or leaving the program (`FATAL`) is a crash.  One that has overstepped the time limit
    `PATIENCE` times in a row is not tried on the rest.
@@ -34,6 +35,9 @@ PATIENCE = 20
 
 FATAL = (MemoryError, SystemExit)
 """What would have ended a program that does not expect it."""
+
+UNEXPLAINED = 0.01
+"""Seconds of a call that a solver's own clocks may leave out."""
 
 CLOCK = time.perf_counter
 """Bound once, so that a backend that puts another one into `time` does not put it here."""
@@ -210,3 +214,35 @@ def run_pass(
         if i in outcomes:
             come_to(i, replace(outcomes[i], verdict="failed", status_text=WROTE, x=None))
     return [outcomes[i] for i in sorted(outcomes)], times
+
+
+def pose(qps: Sequence[ContactQP], asked: Sequence[float]) -> list[ContactQP]:
+    """The QPs with the accuracies that are asked of them, in ‖A δx‖."""
+    pairs = zip(qps, asked, strict=True)
+    return [qp if qp.eps0 == eps0 else qp.with_accuracy(eps0) for qp, eps0 in pairs]
+
+
+def believed(times: NDArray[np.float64]) -> tuple[NDArray[np.float64], list[int]]:
+    """Times (n, 4) [s] less what cannot be: a solver's own clocks hold only within ours.
+
+    Build, setup and solve become NaN, so that the whole call counts,
+
+    1. where they are impossible: negative or not finite, or nothing for setup and solve together,
+       or more than the call;
+    2. where they leave more than half of the call and more than `UNEXPLAINED` out.  That need be no
+       lie: it can be an interruption by the system.
+
+    What an adapter hides beyond that shows in `call_time`, which tables have beside `runtime`.
+    Returns these times and the positions of the impossible.
+    """
+    own, call = times[:, :3], times[:, 3]
+    total = own.sum(axis=1)
+    with np.errstate(invalid="ignore"):
+        possible = (own >= 0).all(axis=1) & (own[:, 1] + own[:, 2] > 0) & (total <= call)
+        explained = call - total <= np.maximum(UNEXPLAINED, call / 2)
+        nonsense = ~((call >= 0) & (call < np.inf))
+    impossible = ~possible & ~np.isnan(own).all(axis=1)
+    cleared = times.copy()
+    cleared[~(possible & explained), :3] = np.nan
+    cleared[nonsense, 3] = np.nan
+    return cleared, np.flatnonzero(impossible).tolist()

@@ -5,19 +5,21 @@ For each recording and each accuracy setting:
 1. Pose the QPs with the accuracy of the setting; know their rank, scale and reference.
 2. Line up the runs: each solver in each arm that it has (`harness.starts`).
 3. Go round all runs, one pass each, and round again until each has its repeats: what drifts on the
-   machine drifts for all.  A short warm-up comes before a run's first pass.  A run whose pass takes
-   more than `slow_pass` seconds is not repeated.
-4. The first pass is judged; the others only add times.  Every finished pass is stored at once.
+   machine drifts for all.  Each run lives in a process of its own (`harness.isolate`).  A short
+   warm-up comes before its first pass.  A run whose pass takes more than `slow_pass` seconds is not
+   repeated, nor is one that has cost a process.
+4. The first pass is judged; the others only add times, unless they cost a process: that is the
+   verdict of the QP then.  A solver's own clock is believed within bounds (`doubtful`).  Every
+   finished pass is stored at once.
 
 A folder that holds some of it already is continued where it stopped (`harness.store`).
 """
 
 from __future__ import annotations
 
-import gc
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+import time
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -27,21 +29,27 @@ import numpy as np
 import pandas as pd
 
 from harness.facts import Facts, facts_of, setting_name
+from harness.in_process import InProcess
+from harness.isolate import Block, Limits, Pass, Task, hard_limit, is_available
 from harness.judge import judge
 from harness.machine import machine_label, solver_version
-from harness.measure import Outcome, Watch, run_pass
+from harness.measure import Outcome, believed, pose, run_pass
 from harness.record import Progress
 from harness.recording import Recording, read_recording
 from harness.starts import ARMS, has_arm
-from harness.store import Shard, ShardKey, Store, read_results
-from harness.threads import one_thread
-from problems.qp import ContactQP, WorkCounts
+from harness.store import TIMES, Shard, ShardKey, Store, read_results
+from problems.qp import WorkCounts
 from solvers import make_solver
-from solvers.base import Solver
 from solvers.registry import solver_class
 
-WARM_UP = 1.0
-"""Longest warm-up of a run [s]."""
+MEMORY_LIMIT = 4.0
+"""What a solver may take beyond what its process starts with, if nothing else is said [GiB]."""
+DOUBT = "its own clock is not believed: ours, around the whole call, is used"
+JUDGED = (
+    *("verdict", "primal_residual", "dual_residual", "duality_gap"),
+    *("glambda_error", "eps0_ratio", "error_bound", "objective_error", "lambda_distance"),
+)
+"""What a row has of its judgement."""
 
 
 @dataclass(eq=False)
@@ -49,9 +57,8 @@ class Run:
     """A solver in one arm on one recording at one setting, and what has been stored of it."""
 
     key: ShardKey
-    solver: Solver
+    task: Task
     shard: Shard | None
-    warmed: bool = False
 
     @property
     def passes(self) -> int:
@@ -62,8 +69,13 @@ class Run:
         """Whether no pass is left to do."""
         if self.shard is None:
             return False
-        longest = float(np.nansum(self.shard.passes[0, :, 3]))
-        return self.passes >= repeats or longest > slow_pass
+        calls = self.shard.passes[:, :, TIMES.index("call_time")]
+        return (
+            self.passes >= repeats
+            or float(np.nansum(calls[0])) > slow_pass
+            or float(np.nanmax(calls, initial=0.0)) > hard_limit(self.key.time_limit)
+            or any(row["verdict"] == "crashed" for row in self.shard.rows)
+        )
 
 
 def replay(
@@ -75,8 +87,10 @@ def replay(
     results: str | Path | None = None,
     repeats: int = 3,
     time_limit: float = 1.0,
+    memory_limit: float = MEMORY_LIMIT,
     slow_pass: float = 10.0,
     study: str = "",
+    isolate: bool = True,
     progress: Progress | None = None,
 ) -> pd.DataFrame:
     """Replay recordings through solvers; return the rows (`harness.store.COLUMNS`).
@@ -87,7 +101,10 @@ def replay(
     arms : of `harness.starts.EVERY_ARM`
     results : folder that is written to or continued; None: only the rows are returned
     repeats : timed passes of each run;  time_limit : [s] per solve
+    memory_limit : [GiB] that a solver may take
     slow_pass : [s] a run whose pass takes longer is not repeated
+    isolate : whether each run has a process of its own, if the system can fork; without, there is
+        no hard limit of time nor of memory, and a crash is the end
     progress : called with the name of a run and the QPs solved, of all
 
     Raises ValueError for unknown names, ImportError where a solver's package is absent, and
@@ -101,6 +118,8 @@ def replay(
         raise ValueError(f"repeats = {repeats}; at least one pass is needed")
     if not time_limit > 0:
         raise ValueError(f"time_limit = {time_limit}; give a positive number of seconds")
+    if not 0 < memory_limit < np.inf:
+        raise ValueError(f"memory_limit = {memory_limit}; give a positive number of GiB")
     if isinstance(recordings, (Recording, str, Path)):
         recordings = [recordings]
     loaded = [r if isinstance(r, Recording) else read_recording(r) for r in recordings]
@@ -114,13 +133,16 @@ def replay(
                 results=folder,
                 repeats=repeats,
                 time_limit=time_limit,
+                memory_limit=memory_limit,
                 slow_pass=slow_pass,
                 study=study,
+                isolate=isolate,
                 progress=progress,
             )
     store = Store(results)
+    limits = Limits(time_limit, memory_limit)
     blocks = [
-        (recording, setting, _runs(store, recording, solvers, setting, arms, time_limit))
+        (recording, setting, _runs(store, recording, solvers, setting, arms, limits))
         for recording in loaded
         for setting in settings
     ]
@@ -128,20 +150,30 @@ def replay(
     counter = _Counter(total, progress)
     facts: dict[str, list[Facts]] = {}
     for recording, setting, runs in blocks:
-        store.add_recording(recording)
+        path = store.add_recording(recording)
         if all(run.is_done(repeats, slow_pass) for run in runs):
             counter.add("", len(recording.qps) * len(runs) * repeats)
             continue
         if recording.digest not in facts:
             facts[recording.digest] = [facts_of(qp) for qp in recording.qps]
-        block = _Block(recording, setting, facts[recording.digest], time_limit, study)
-        with one_thread(), _prepared_is_no_litter():
+        judged = _Judged(recording, setting, facts[recording.digest], study)
+        block: Block | InProcess
+        if isolate and is_available():
+            block = Block(recording, path, judged.asked, limits)
+        else:
+            block = InProcess(recording, judged.asked, time_limit=time_limit)
+        began, calls = time.perf_counter(), 0.0
+        with block:
             for turn in range(repeats):
                 for run in runs:
                     before = counter.done
                     if run.passes <= turn and not run.is_done(repeats, slow_pass):
-                        store.save(block.do_pass(run, partial(counter.add, run.key.name)))
+                        done = block.do_pass(run.task, partial(counter.add, run.key.name))
+                        run.shard = judged.shard(run, done)
+                        store.save(run.shard)
+                        calls += float(np.nansum(done.times[:, TIMES.index("call_time")]))
                     counter.add(run.key.name, before + len(recording.qps) - counter.done)
+        store.add_spent(replaying=time.perf_counter() - began, in_calls=calls)
     return read_results(results)
 
 
@@ -150,6 +182,7 @@ def reproduce(
 ) -> dict[str, Any]:
     """Solve and judge QP `index` as the replay does; a warm arm replays what leads up to it.
 
+    It is done in our own process, where a debugger can follow, and where a crash is a crash.
     Raises ValueError for an index that the recording does not have.
     """
     if not 0 <= index < len(recording.qps):
@@ -158,12 +191,14 @@ def reproduce(
         )
     setting = setting_name(setting)
     leading = recording.qps if arm == "shuffled" else recording.qps[: index + 1]
-    facts = [facts_of(qp) for qp in leading]
-    posed = [_posed(f, setting) for f in facts]
+    judged = _Judged(recording, setting, [facts_of(qp) for qp in leading])
     outcomes, times = run_pass(
-        _make(solver, setting), posed, arm=arm, references=recording.references
+        make_solver(solver, **_options(setting)),
+        pose(leading, judged.asked),
+        arm=arm,
+        references=recording.references,
     )
-    row = _row(recording, setting, index, facts[index], outcomes[index])
+    row = judged.row(index, outcomes[index])
     build, setup, solve, call = times[index]
     return {
         **row,
@@ -179,17 +214,6 @@ def reproduce(
     }
 
 
-@contextmanager
-def _prepared_is_no_litter() -> Iterator[None]:
-    """Spare the garbage collector from looking through all QPs before every pass."""
-    gc.collect()
-    gc.freeze()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
-
-
 class _Counter:
     """Tells the progress callback how many QPs of all are done."""
 
@@ -202,53 +226,74 @@ class _Counter:
             self.progress(what, self.done, self.total)
 
 
-class _Teller(Watch):
-    """Tells how many QPs more are done, now and then."""
-
-    def __init__(self, advance: Callable[[int], None]) -> None:
-        self.advance, self.count = advance, 0
-
-    def end(self, index: int, outcome: Outcome, times: np.ndarray) -> None:
-        self.count += 1
-        if self.count % 32 == 0:
-            self.advance(32)
-
-
-class _Block:
-    """One recording at one setting: the QPs as posed to every solver."""
+class _Judged:
+    """What passes over one recording at one setting are worth."""
 
     def __init__(
-        self, recording: Recording, setting: str, facts: list[Facts], limit: float, study: str
+        self, recording: Recording, setting: str, facts: list[Facts], study: str = ""
     ) -> None:
-        self.recording, self.setting, self.facts = recording, setting, facts
-        self.time_limit, self.study = limit, study
-        self.posed = [_posed(f, setting) for f in facts]
+        self.recording, self.setting, self.facts, self.study = recording, setting, facts, study
+        self.asked = [f.asked(setting) for f in facts]
 
-    def do_pass(self, run: Run, advance: Callable[[int], None]) -> Shard:
-        """One more pass of `run`; its shard grows by it and is returned."""
-        one_pass = partial(
-            run_pass,
-            run.solver,
-            self.posed,
-            arm=run.key.arm,
-            references=self.recording.references,
-            time_limit=self.time_limit,
-        )
-        if not run.warmed:
-            one_pass(budget=WARM_UP)
-            run.warmed = True
-        outcomes, times = one_pass(watch=_Teller(advance))
+    def shard(self, run: Run, done: Pass) -> Shard:
+        """The shard of a run, grown by a pass."""
+        times, doubted = believed(done.times)
         if run.shard is None:
-            rows: Sequence[Mapping[str, Any]] = [
-                _row(self.recording, self.setting, i, self.facts[i], outcome)
-                for i, outcome in enumerate(outcomes)
-            ]
+            rows = [self.row(i, outcome) for i, outcome in enumerate(done.outcomes)]
             passes = times[None]
         else:
-            rows = run.shard.rows
+            rows = [dict(row) for row in run.shard.rows]
+            for i in done.lost:
+                rows[i] = self.row(i, done.outcomes[i])
             passes = np.concatenate([run.shard.passes, times[None]])
-        run.shard = Shard(run.key, rows, passes, self.study)
-        return run.shard
+        for i in doubted:
+            said = rows[i]["status_text"].removesuffix(DOUBT).removesuffix("; ")
+            rows[i]["status_text"] = f"{said}; {DOUBT}" if said else DOUBT
+        return Shard(run.key, rows, passes, self.study)
+
+    def row(self, index: int, outcome: Outcome) -> dict[str, Any]:
+        """Columns of one solve, but for its times and what the shard's key says."""
+        facts = self.facts[index]
+        qp = facts.qp
+        work = dict.fromkeys(WorkCounts.__dataclass_fields__)
+        if outcome.work is not None:
+            work = asdict(outcome.work)
+        row: dict[str, Any] = {
+            "problem": f"{self.recording.scene}/{index:06d}",
+            "found": outcome.found,
+            "step": index,
+            "kind": qp.kind,
+            "accepted": qp.accepted,
+            "restart": qp.restart,
+            "t": qp.t,
+            "m": qp.m,
+            "k": qp.k,
+            "rank": facts.rank,
+            "status": outcome.status,
+            "status_text": outcome.status_text,
+            "iterations": outcome.iterations,
+            **work,
+            "asked": self.asked[index],
+            "scale": facts.scale,
+            "warm_started": outcome.warm_started,
+            "after_restart": outcome.after_restart,
+        }
+        if outcome.verdict == "skipped":
+            return {**row, "verdict": "skipped"}
+        judgement = judge(
+            qp,
+            outcome.x,
+            found=outcome.found,
+            asked=row["asked"],
+            reference=self.recording.references[index],
+            facts=facts,
+            seek_reference=False,
+        )
+        for name in JUDGED:
+            row[name] = getattr(judgement, name)
+        if outcome.verdict is not None:
+            row["verdict"] = outcome.verdict
+        return row
 
 
 def _runs(
@@ -257,11 +302,13 @@ def _runs(
     solvers: Sequence[str],
     setting: str,
     arms: Sequence[str],
-    time_limit: float,
+    limits: Limits,
 ) -> list[Run]:
     """The runs of one recording at one setting, with what the store has of them."""
     runs = []
+    options = _options(setting)
     for name in solvers:
+        make_solver(name, **options)  # raises here rather than in a process
         for arm in arms:
             if not has_arm(solver_class(name), arm):
                 continue
@@ -273,67 +320,13 @@ def _runs(
                 arm=arm,
                 versions=solver_version(name),
                 machine=machine_label(),
-                time_limit=time_limit,
+                time_limit=limits.time,
+                memory_limit=limits.memory,
             )
-            runs.append(Run(key, _make(name, setting), store.load(key)))
+            runs.append(Run(key, Task(name, tuple(options.items()), arm), store.load(key)))
     return runs
 
 
-def _make(name: str, setting: str) -> Solver:
-    return make_solver(name, accuracy="default") if setting == "default" else make_solver(name)
-
-
-def _posed(facts: Facts, setting: str) -> ContactQP:
-    """The QP with the accuracy that the setting asks for."""
-    if setting == "paper":
-        return facts.qp
-    return facts.qp.with_accuracy(facts.asked(setting))
-
-
-def _row(
-    recording: Recording, setting: str, index: int, facts: Facts, outcome: Outcome
-) -> dict[str, Any]:
-    """Columns of one solve, but for its times and what the shard's key says."""
-    qp = facts.qp
-    work = dict.fromkeys(WorkCounts.__dataclass_fields__)
-    if outcome.work is not None:
-        work = asdict(outcome.work)
-    row: dict[str, Any] = {
-        "problem": f"{recording.scene}/{index:06d}",
-        "found": outcome.found,
-        "step": index,
-        "kind": qp.kind,
-        "accepted": qp.accepted,
-        "restart": qp.restart,
-        "t": qp.t,
-        "m": qp.m,
-        "k": qp.k,
-        "rank": facts.rank,
-        "status": outcome.status,
-        "status_text": outcome.status_text,
-        "iterations": outcome.iterations,
-        **work,
-        "asked": facts.asked(setting),
-        "scale": facts.scale,
-        "warm_started": outcome.warm_started,
-        "after_restart": outcome.after_restart,
-    }
-    if outcome.verdict == "skipped":
-        return {**row, "verdict": "skipped"}
-    judgement = judge(
-        qp,
-        outcome.x,
-        found=outcome.found,
-        asked=row["asked"],
-        reference=recording.references[index],
-        facts=facts,
-        seek_reference=False,
-    )
-    for name in (
-        *("verdict", "primal_residual", "dual_residual", "duality_gap"),
-        *("glambda_error", "eps0_ratio", "error_bound", "objective_error", "lambda_distance"),
-    ):
-        row[name] = getattr(judgement, name)
-    if outcome.verdict is not None:
-        row["verdict"] = outcome.verdict
-    return row
+def _options(setting: str) -> dict[str, Any]:
+    """Options of a solver: its accuracy is that of each QP, but for the package's own defaults."""
+    return {"accuracy": "default"} if setting == "default" else {}

@@ -3,6 +3,7 @@
     RESULTS/recordings/<label>.h5          the recordings that were replayed
     RESULTS/solves/<shard>.parquet         one row per QP, with the times of every pass
     RESULTS/study.json                     machine, versions and arguments
+    RESULTS/spent.json                     seconds spent replaying, and in the calls of solvers
     RESULTS/.lock                          held by the process that writes
 
 A shard is (recording, solver, setting, arm); its file is described in `harness.shard_file`.
@@ -59,6 +60,7 @@ __all__ = [
     "StoreError",
     "read_repeats",
     "read_results",
+    "read_spent",
 ]
 
 REPEAT_COLUMNS = ("problem", "solver", "settings", "arm", "repeat", *TIMES)
@@ -68,6 +70,7 @@ AGREE: dict[str, tuple[str, ...]] = {
     "recording_digest": ("scene",),
     "versions": ("solver",),
     "time_limit": (),
+    "memory_limit": (),
 }
 """Fields of `ShardKey` that must be the same in all shards that share the fields beside them."""
 
@@ -93,8 +96,8 @@ class Store:
             for part in (".", "solves", "recordings"):
                 clear_leftovers(self.folder / part)
 
-    def add_recording(self, recording: Recording) -> None:
-        """Keep a copy of the recording; another one under the same label is refused."""
+    def add_recording(self, recording: Recording) -> Path:
+        """Keep a copy of the recording, and say where; another of the same label is refused."""
         path = self.folder / "recordings" / f"{recording.scene}.h5"
         if path.exists():
             try:
@@ -102,13 +105,14 @@ class Store:
             except RecordingError as error:
                 raise StoreError(f"{error}; or use another results folder") from None
             if digest == recording.digest:
-                return
+                return path
             raise StoreError(
                 f"{path}: holds another recording of this scene (digest {digest[:12]}…, now "
                 f"{recording.digest[:12]}…); use another results folder, or delete this one"
             )
         with self._written(path):
             write_recording(path, recording)
+        return path
 
     def load(self, key: ShardKey) -> Shard | None:
         """The shard of this key as far as it was finished, or None.
@@ -141,6 +145,13 @@ class Store:
         path = self.folder / "study.json"
         with self._written(path):
             write_whole(path, (json.dumps(description, indent=2, sort_keys=True) + "\n").encode())
+
+    def add_spent(self, **seconds: float) -> None:
+        """Add to spent.json what a replay took, and how much of that inside solvers' calls."""
+        before, path = read_spent(self.folder), self.folder / "spent.json"
+        total = {name: before.get(name, 0.0) + more for name, more in seconds.items()}
+        with self._written(path):
+            write_whole(path, json.dumps(total).encode())
 
     def _path(self, key: ShardKey) -> Path:
         return self.folder / "solves" / f"{key.name}.parquet"
@@ -183,6 +194,15 @@ def read_repeats(folder: str | os.PathLike[str]) -> pd.DataFrame:
     frame = pd.concat(parts[1:] or parts)[list(REPEAT_COLUMNS)]
     order = ["problem", "solver", "settings", "arm", "repeat"]
     return frame.sort_values(order, ignore_index=True)
+
+
+def read_spent(folder: str | os.PathLike[str]) -> dict[str, float]:
+    """Seconds spent replaying, and in_calls of solvers, over all runs; empty if nothing was."""
+    try:
+        read = json.loads((Path(folder) / "spent.json").read_text())
+        return {name: float(read[name]) for name in ("replaying", "in_calls")}
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
 
 
 def _read_folder(folder: Path) -> Iterator[StoredShard]:

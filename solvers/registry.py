@@ -1,9 +1,9 @@
 """Which solvers there are, by the names of the command line.
 
 A built-in solver is one line of `BUILT_IN`; a third party adds one by an entry point of the group
-`glambda.solvers`, `name = "module:Class"`.  Nothing is imported until it is asked for.  A solver
-whose package is absent is listed with the import error; a package that is there but broken fails
-loudly.
+`glambda.solvers`, `name = "module:Class"`; a script adds one by `register`.  Nothing is imported
+until it is asked for.  A solver whose package is absent is listed with the import error; a package
+that is there but broken fails loudly.
 """
 
 from __future__ import annotations
@@ -35,6 +35,9 @@ BUILT_IN = {
 }
 """Name → module:class.  `name[variant]` passes `variant` to the class."""
 
+_REGISTERED: dict[str, str] = {}
+"""What `register` was given."""
+
 
 @dataclass(frozen=True)
 class SolverInfo:
@@ -61,6 +64,27 @@ def _targets() -> dict[str, str]:
     return targets
 
 
+def register(name: str, target: str) -> None:
+    """Make the solver at `target`, "module:Class", known as `name` in this process.
+
+    It goes before a built-in one of the same name.  A process that is to run it as well must be
+    able to import the module.
+    """
+    _REGISTERED[name] = target
+
+
+def target_of(name: str) -> str:
+    """Where the class of the solver called `name` (a variant in brackets is ignored) is found.
+
+    Raises ValueError for an unknown name.
+    """
+    base, _ = _split(name)
+    target = _REGISTERED.get(base) or _targets().get(base)
+    if target is None:
+        raise ValueError(f"unknown solver {name!r}; there are: {', '.join(solver_names())}")
+    return target
+
+
 def _split(name: str) -> tuple[str, str | None]:
     base, bracket, rest = name.partition("[")
     if bracket and not rest.endswith("]"):
@@ -73,10 +97,7 @@ def solver_class(name: str) -> type[Solver]:
 
     Raises ValueError for an unknown name and ImportError where its package is absent.
     """
-    base, _ = _split(name)
-    target = _targets().get(base)
-    if target is None:
-        raise ValueError(f"unknown solver {name!r}; there are: {', '.join(_targets())}")
+    target = target_of(name)
     module, _, attribute = target.partition(":")
     cls = getattr(importlib.import_module(module), attribute)
     if not (isinstance(cls, type) and issubclass(cls, Solver)):
@@ -126,7 +147,7 @@ def describe(name: str) -> SolverInfo:
 
 def solver_names() -> list[str]:
     """Names of all known solvers, built-in and plugged in, whether or not they can be imported."""
-    return list(_targets())
+    return list({**_targets(), **_REGISTERED})
 
 
 def available_solvers() -> list[str]:

@@ -3,141 +3,38 @@
 from __future__ import annotations
 
 import gc
-import sys
-import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
 
 from harness import replay
+from harness.isolate import Block
+from harness.machine import solver_version
 from harness.measure import PATIENCE, run_pass
-from harness.oracle import reference
 from harness.recording import write_recording
 from harness.replay import reproduce
 from harness.store import COLUMNS, StoreError, read_repeats, read_results
-from problems.qp import ContactQP, Solution, Status, working_set_of
+from problems.qp import working_set_of
 from solvers import registry
-from solvers.base import Answer, Solver, Unsupported
+from tests.crooked import CROOKED, Right, Slow
 from tests.fake_recordings import fake_recording
-
-
-@dataclass(frozen=True)
-class Oracle(Solver):
-    """Right always; the base of the crooked ones below."""
-
-    name: ClassVar[str] = "right"
-    warm_start: ClassVar[str] = "x"
-    asked_of: ClassVar[list[float | None]] = []
-    starts: ClassVar[list[tuple[ContactQP, Solution | None]]] = []
-
-    def build(self, qp: ContactQP, start: Any) -> Any:
-        return qp
-
-    def setup(self, problem: Any, asked: float | None, start: Any) -> Any:
-        self.asked_of.append(asked)
-        return problem
-
-    def run(self, native: Any) -> Any:
-        return reference(native).x
-
-    def read(self, qp: ContactQP, native: Any, result: Any) -> Answer:
-        return Answer(result, Status.SOLVED, iterations=3, memory="kept")
-
-    def solve(self, qp: ContactQP, start: Solution | None = None) -> Solution:
-        self.starts.append((qp, start))
-        return super().solve(qp, start)
-
-
-@dataclass(frozen=True)
-class Liar(Oracle):
-    """Claims success with something else."""
-
-    def run(self, native: Any) -> Any:
-        return reference(native).x + 1.0
-
-
-@dataclass(frozen=True)
-class Choosy(Oracle):
-    """Raises Unsupported for impulses, and something of its own at the second QP."""
-
-    warm_start: ClassVar[str] = "none"
-
-    def build(self, qp: ContactQP, start: Any) -> Any:
-        if qp.kind == "impulse":
-            raise Unsupported("no impulses")
-        if qp.t == 0.01:
-            raise RuntimeError("native failure")
-        return qp
-
-
-@dataclass(frozen=True)
-class Slow(Oracle):
-    """Takes 20 ms."""
-
-    def run(self, native: Any) -> Any:
-        time.sleep(0.02)
-        return super().run(native)
-
-
-@dataclass(frozen=True)
-class Silent(Oracle):
-    """Has no answer, or one of NaN."""
-
-    def run(self, native: Any) -> Any:
-        return None if native.t < 0.02 else np.full(native.k, np.nan)
-
-
-@dataclass(frozen=True)
-class Scribbler(Oracle):
-    """Writes into what it is given, past the read-only flag, as compiled code can."""
-
-    warm_start: ClassVar[str] = "none"
-
-    def run(self, native: Any) -> Any:
-        x = super().run(native)
-        if native.t in (0.01, 0.02):
-            native.d.setflags(write=True)
-            native.d[:] = 0.0
-        return x
-
-
-@dataclass(frozen=True)
-class Empty(Oracle):
-    """Returns nothing, not even a Solution; at one QP it wants to leave the program."""
-
-    warm_start: ClassVar[str] = "none"
-
-    def solve(self, qp: ContactQP, start: Solution | None = None) -> Any:
-        if qp.t == 0.01:
-            raise SystemExit(3)
-        return None
-
-
-CROOKED = {
-    "right": Oracle,
-    "liar": Liar,
-    "choosy": Choosy,
-    "slow": Slow,
-    "silent": Silent,
-    "scribbler": Scribbler,
-    "empty": Empty,
-}
 
 
 @pytest.fixture(autouse=True)
 def known(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The solvers above, by name, beside the real ones."""
-    import harness.machine
+    """The solvers of `tests.crooked`, by name, beside the real ones."""
+    solver_version.cache_clear()
+    monkeypatch.setattr(registry, "_REGISTERED", dict(CROOKED))
+    Right.starts.clear()
 
-    targets = {name: f"{__name__}:{cls.__name__}" for name, cls in CROOKED.items()}
-    merged = {**registry.BUILT_IN, **targets}
-    monkeypatch.setattr(registry, "_targets", lambda: merged)
-    harness.machine.solver_version.cache_clear()
-    Oracle.asked_of.clear()
-    Oracle.starts.clear()
+
+@pytest.fixture(params=[True, False], ids=["isolated", "in our process"])
+def isolate(request: pytest.FixtureRequest) -> bool:
+    """Both ways of running."""
+    return bool(request.param)
 
 
 def test_rows_have_the_columns_of_the_store_and_are_judged() -> None:
@@ -158,36 +55,35 @@ def test_rows_have_the_columns_of_the_store_and_are_judged() -> None:
     assert (right["runtime_median"] >= right["runtime"]).all()
 
 
-def test_settings_ask_for_their_accuracy() -> None:
-    made = fake_recording()
-    rows = replay(made, ["right"], ["paper", "high", "default"], ["cold"], repeats=1)
+def test_settings_ask_for_their_accuracy(isolate: bool) -> None:
+    made, settings = fake_recording(), ["paper", "high", "default"]
+    rows = replay(made, ["right"], settings, ["cold"], repeats=1, isolate=isolate)
     paper, high, default = (rows[rows["settings"] == s] for s in ("paper", "high", "default"))
     assert (paper["asked"] == 1e-6).all()
     np.testing.assert_allclose(high["asked"], 1e-9 * high["scale"])
     np.testing.assert_allclose(default["asked"], 1e-6 * default["scale"])
-    # What the solver itself was asked, warm-up and pass: its defaults are its own affair.
-    assert {1e-6, None} < set(Oracle.asked_of)
-    asked = {a for a in Oracle.asked_of if a is not None}
-    assert set(high["asked"]) <= asked
-    assert not set(default["asked"]) & asked
+    # What the solver itself was asked: its defaults are its own affair.
+    assert paper["status_text"].tolist() == ["1e-06"] * len(made.qps)
+    assert high["status_text"].map(float).tolist() == high["asked"].tolist()
+    assert default["status_text"].tolist() == ["None"] * len(made.qps)
 
 
 def test_warm_starts_follow_the_protocol() -> None:
     made = fake_recording(length=6)
-    run_pass(Oracle(), made.qps, arm="warm")
-    given = [start is not None for _, start in Oracle.starts]
+    run_pass(Right(), made.qps, arm="warm")
+    given = [start is not None for _, start in Right.starts]
     # First of the sequence, and the restart at QP 3; QPs 6 and on are impulses.
     assert given == [False, True, True, False, True, True] + [False] * 5
-    assert all(s is None or s.memory == "kept" for _, s in Oracle.starts)
-    for (qp, start), (before, _) in zip(Oracle.starts[1:6], Oracle.starts[:5], strict=True):
+    assert all(s is None or s.memory == "kept" for _, s in Right.starts)
+    for (qp, start), (before, _) in zip(Right.starts[1:6], Right.starts[:5], strict=True):
         assert start is None or (start.row_id == before.row_id).all() or qp.restart
 
 
 def test_an_impulse_does_not_break_the_chain() -> None:
     made = fake_recording(length=6)
     qps = [made.qps[0], replace(made.qps[1], kind="impulse"), made.qps[2]]
-    run_pass(Oracle(), qps, arm="warm")
-    (_, _), (_, second), (_, third) = Oracle.starts
+    run_pass(Right(), qps, arm="warm")
+    (_, _), (_, second), (_, third) = Right.starts
     assert second is None and third is not None
     assert (third.row_id == qps[0].row_id).all()
 
@@ -266,22 +162,33 @@ def test_slow_passes_are_not_repeated() -> None:
 
 def test_garbage_collection_is_off_in_a_pass_and_on_after(monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []
-    monkeypatch.setattr(Oracle, "run", lambda self, native: seen.append(gc.isenabled()))
-    run_pass(Oracle(), fake_recording().qps, arm="cold")
+    monkeypatch.setattr(Right, "run", lambda self, native: seen.append(gc.isenabled()))
+    run_pass(Right(), fake_recording().qps, arm="cold")
     assert not any(seen) and gc.isenabled()
 
 
-def test_passes_go_round_the_solvers(monkeypatch: pytest.MonkeyPatch) -> None:
-    order: list[str] = []
-    plain = run_pass
+def test_passes_go_round_the_solvers(isolate: bool) -> None:
+    told: list[str] = []
 
-    def spy(solver: Solver, qps: Any, *, budget: float = np.inf, **rest: Any) -> Any:
-        order.append(type(solver).__name__ + ("" if np.isinf(budget) else " warms up"))
-        return plain(solver, qps, budget=budget, **rest)
+    def tell(what: str, done: float, total: float) -> None:
+        if what not in told[-1:]:
+            told.append(what)
 
-    monkeypatch.setattr(sys.modules["harness.replay"], "run_pass", spy)
-    replay(fake_recording(), ["right", "liar"], ["paper"], ["cold"], repeats=2)
-    assert order == ["Oracle warms up", "Oracle", "Liar warms up", "Liar", "Oracle", "Liar"]
+    solvers = ["right", "liar"]
+    replay(fake_recording(), solvers, arms=["cold"], repeats=2, isolate=isolate, progress=tell)
+    assert [name.split("__")[1] for name in told] == [*solvers, *solvers]
+
+
+def test_only_the_first_pass_of_a_process_is_warmed_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    budgets = []
+
+    def spy(*arguments: Any, budget: float = np.inf, **options: Any) -> Any:
+        budgets.append(budget)
+        return run_pass(*arguments, budget=budget, **options)
+
+    monkeypatch.setattr("harness.in_process.run_pass", spy)
+    replay(fake_recording(), ["right"], arms=["cold"], repeats=2, isolate=False)
+    assert budgets == [1.0, np.inf, np.inf]
 
 
 def test_repeats_are_all_kept(tmp_path: Path) -> None:
@@ -296,30 +203,29 @@ def test_repeats_are_all_kept(tmp_path: Path) -> None:
     np.testing.assert_allclose(rows["runtime"], least[rows.index])
 
 
-def test_a_finished_study_is_not_run_again(tmp_path: Path) -> None:
+def test_a_finished_study_is_not_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made = fake_recording()
     first = replay(made, ["right"], results=tmp_path, repeats=1)
-    Oracle.starts.clear()
+    monkeypatch.setattr(Block, "do_pass", None)
     again = replay(made, ["right"], results=tmp_path, repeats=1)
-    assert not Oracle.starts
     assert first.equals(again)
 
 
-def test_an_interrupted_study_continues(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_study_continues(tmp_path: Path, isolate: bool) -> None:
     made = fake_recording()
 
-    def interrupt(self: Any, native: Any) -> Any:
-        raise KeyboardInterrupt
+    def interrupt(what: str, done: float, total: float) -> None:
+        raise KeyboardInterrupt  # Ctrl-C, once the first pass is stored
 
-    with monkeypatch.context() as patch:
-        patch.setattr(Liar, "run", interrupt)
-        with pytest.raises(KeyboardInterrupt):
-            replay(made, ["right", "liar"], ["paper"], ["cold"], results=tmp_path, repeats=2)
+    arguments: Any = (made, ["right", "liar"], ["paper"], ["cold"])
+    options: Any = {"results": tmp_path, "repeats": 2, "isolate": isolate}
+    with pytest.raises(KeyboardInterrupt):
+        replay(*arguments, **options, progress=interrupt)
     assert gc.isenabled()
     kept = read_results(tmp_path)
     assert set(kept["solver"]) == {"right"} and (kept["repeats"] == 1).all()
     before = read_repeats(tmp_path)
-    rows = replay(made, ["right", "liar"], ["paper"], ["cold"], results=tmp_path, repeats=2)
+    rows = replay(*arguments, **options)
     assert set(rows["solver"]) == {"right", "liar"} and (rows["repeats"] == 2).all()
     after = read_repeats(tmp_path)
     after = after[(after["solver"] == "right") & (after["repeat"] == 0)].reset_index(drop=True)
@@ -366,6 +272,6 @@ def test_reproduce_gives_the_row_again() -> None:
 
 
 def test_memory_is_not_kept_in_outcomes() -> None:
-    outcomes, _ = run_pass(Oracle(), fake_recording().qps, arm="cold")
+    outcomes, _ = run_pass(Right(), fake_recording().qps, arm="cold")
     assert not any(hasattr(outcome, "memory") for outcome in outcomes)
     assert working_set_of(fake_recording().qps[0], outcomes[0].x).size

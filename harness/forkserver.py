@@ -1,0 +1,338 @@
+"""The server that live processes are forked from, and what goes on in one of them.
+
+`serve` runs in a process of its own, which has imported everything and read the recording, so that
+a fork is ready to solve within some 10 ms and shares all of that with the others.  It computes
+nothing.  By order of the parent (`harness.isolate`) it starts processes, passes on what they are to
+do, tells what they say and what they die of, and kills.
+
+1. A process leads a session of its own, so that it is killed with all that it has forked.  What
+   leaves the session is found as well, on Linux: the server adopts the orphans of its processes.
+2. Every process is killed when the parent is gone: then the server reads the end of its pipe.  If
+   the server itself is killed, its processes die with it (on Linux).
+3. A process has limits: of memory (`RLIMIT_AS`, which macOS does not heed), of new processes and
+   threads (`RLIMIT_NPROC`, which root is not held to), no core dumps; and it is the first that a
+   Linux without memory kills.
+4. After a pass a process says `DONE` or `LOST` behind the word that came with the order, and at no
+   other time anything.  Its answers stand in the sheet (`harness.sheet`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import gc
+import importlib
+import json
+import os
+import resource
+import shutil
+import signal
+import socket
+import sys
+import traceback
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from typing import Any, NoReturn
+
+from harness.measure import pose, run_pass
+from harness.recording import Recording, read_recording
+from harness.sheet import Layout, Lost, Pen
+from harness.threads import one_thread
+from problems.qp import ContactQP
+from solvers import make_solver
+from solvers.active_set import method  # noqa: F401  its kernels are loaded once for all processes
+from solvers.registry import BUILT_IN, register
+
+DONE, LOST = b"done", b"lost"
+"""What a process says after a pass; `LOST`: it ended early and wants to be replaced."""
+NEW_TASKS = 256
+"""Processes and threads that may be added to the user's while a process lives."""
+PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36
+
+
+def serve(link: int, folder: str) -> None:
+    """Do what the parent says through the file descriptor `link`, until it is gone.
+
+    folder : deleted in the end
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    _prctl(PR_SET_CHILD_SUBREAPER, 1)
+    server = Server(Connection(link))
+    try:
+        while server.turn():
+            pass
+    finally:
+        server.kill_all()
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+class Server:
+    """The processes, and the block that they are to solve: a recording at an accuracy."""
+
+    def __init__(self, parent: Connection) -> None:
+        self.parent = parent
+        self.processes: dict[int, socket.socket] = {}
+        self.words: dict[int, bytes] = {}
+        self.babbled: set[int] = set()
+        self.recording: Recording | None = None
+        self.posed: list[ContactQP] = []
+        self.block: dict[str, Any] = {}
+        self.deaths, self.wake = socket.socketpair()
+        for end in (self.deaths, self.wake):
+            end.setblocking(False)
+        signal.signal(signal.SIGCHLD, lambda *_: None)
+        signal.set_wakeup_fd(self.wake.fileno())
+
+    def turn(self) -> bool:
+        """Wait for something and deal with it; False when the parent is gone."""
+        talking = {end: pid for pid, end in self.processes.items() if end.fileno() >= 0}
+        ready = wait([self.parent, self.deaths, *talking])
+        for end in talking.keys() & set(ready):
+            self.hear(talking[end])
+        if self.deaths in ready:
+            self.deaths.recv(1024)
+            self.bury()
+        if self.parent in ready:
+            try:
+                self.obey(json.loads(self.parent.recv_bytes()))
+            except (EOFError, OSError):
+                return False
+        return True
+
+    def tell(self, pid: int, said: str, **more: Any) -> None:
+        """Tell the parent; if it is gone, the next turn finds out."""
+        with contextlib.suppress(OSError):
+            self.parent.send_bytes(json.dumps({"pid": pid, "is": said, **more}).encode())
+
+    def obey(self, order: dict[str, Any]) -> None:
+        """One order of the parent."""
+        do = order.pop("do")
+        if do == "load":
+            self.load(**order)
+        elif do == "start":
+            self.tell(self.start(order), "started")
+        elif do == "pass":
+            pid = order.pop("pid")
+            self.words[pid] = order["word"].encode()
+            with contextlib.suppress(OSError, KeyError):  # its death is told anyway
+                self.processes[pid].sendall(json.dumps(order).encode() + b"\n")
+        elif do == "kill":
+            self.kill(order["pid"])
+
+    def load(self, recording: str, digest: str, asked: list[float], **block: Any) -> None:
+        """Read a recording, unless it is the last one, and pose its QPs.
+
+        asked : accuracy of each QP;  block : what `_live` needs
+        """
+        try:
+            if self.recording is None or self.recording.digest != digest:
+                self.recording = read_recording(recording)
+            if self.recording.digest != digest:
+                raise ValueError(f"{recording}: was replaced by another recording in the meantime")
+        except ValueError as error:
+            self.recording = None
+            self.tell(0, "wrong", text=str(error))
+            return
+        self.posed = pose(self.recording.qps, asked)
+        self.block = block
+        self.tell(0, "loaded")
+
+    def start(self, task: dict[str, Any]) -> int:
+        """Fork a process for a solver in an arm; returns its number."""
+        if task["target"] in BUILT_IN.values():
+            with contextlib.suppress(ImportError):  # the process says it
+                importlib.import_module(task["target"].partition(":")[0])
+        ours, theirs = socket.socketpair()
+        pid = os.fork()
+        if pid == 0:
+            self._become(theirs, task)
+        theirs.close()
+        ours.setblocking(False)
+        self.processes[pid] = ours
+        return pid
+
+    def hear(self, pid: int) -> None:
+        """What a process says; whatever is not what it is to say is remembered."""
+        end = self.processes[pid]
+        try:
+            said = end.recv(1 << 16)
+        except OSError:
+            said = b""
+        if not said:
+            end.close()  # it has closed its files; what that is worth is seen when it dies
+            return
+        before, word, kind = said.rpartition(self.words.get(pid, b"\0"))
+        if before or not word:
+            self.babbled.add(pid)
+        if word:
+            honest = pid not in self.babbled and kind in (DONE, LOST)
+            self.tell(pid, kind.decode() if honest else "babbled", left=self.sweep(pid))
+
+    def bury(self) -> None:
+        """Tell of the processes that have died, and kill what they have left behind."""
+        while True:
+            try:
+                pid, status = os.waitpid(-1, os.WNOHANG)
+            except ChildProcessError:
+                break
+            if pid == 0:
+                break
+            if pid in self.processes:
+                self.hear(pid)  # its last word
+                self.processes.pop(pid).close()
+                _kill_session(pid)
+                self.tell(pid, "dead", code=os.waitstatus_to_exitcode(status))
+        self.sweep()
+
+    def kill(self, pid: int) -> None:
+        """Kill a process and its session; `bury` tells when it is dead."""
+        if pid in self.processes:
+            os.kill(pid, signal.SIGKILL)
+            _kill_session(pid)
+
+    def kill_all(self) -> None:
+        """Kill everything and wait for it."""
+        for pid in self.processes:
+            self.kill(pid)
+        self.sweep()
+        with contextlib.suppress(ChildProcessError):
+            while True:
+                os.waitpid(-1, 0)
+                self.sweep()
+
+    def sweep(self, pid: int = 0) -> int:
+        """Kill what process `pid` has forked, and all orphans; returns how many there were."""
+        us, left = os.getpid(), 0
+        for child, parent in _parents().items():
+            orphan = parent == us and child not in self.processes
+            if orphan or (pid and parent == pid):
+                left += 1
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(child, signal.SIGKILL)
+        return left
+
+    def _become(self, link: socket.socket, task: dict[str, Any]) -> NoReturn:
+        """Turn the fork into a live process; it never returns."""
+        code = 1
+        try:
+            server = os.getppid()
+            os.setsid()
+            _prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+            if os.getppid() != server:
+                os._exit(1)
+            signal.set_wakeup_fd(-1)
+            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+            self.parent.close()
+            for other in (self.deaths, self.wake, *self.processes.values()):
+                other.close()
+            _redirect(task["words"])
+            assert self.recording is not None
+            _live(link, self.recording, self.posed, task, **self.block)
+            code = 0
+        except BaseException as error:
+            print(*traceback.format_exception_only(error), file=sys.stderr, flush=True)
+        finally:
+            os._exit(code)
+
+
+def _live(
+    link: socket.socket,
+    recording: Recording,
+    posed: list[ContactQP],
+    task: dict[str, Any],
+    *,
+    sheet: str,
+    time_limit: float,
+) -> None:
+    """Make the solver, and do a pass whenever told to, until the server is gone."""
+    register(task["solver"].partition("[")[0], task["target"])
+    solver = make_solver(task["solver"], **task["options"])
+    _limit(task["memory_limit"])
+    gc.freeze()  # whatever is there is no litter of a pass
+    pen = Pen(sheet, Layout([qp.k for qp in posed]))
+    with one_thread(), link.makefile("rb") as orders:
+        for line in orders:
+            order = json.loads(line)
+            budget = float("inf") if order["budget"] is None else order["budget"]
+            said = DONE
+            try:
+                run_pass(
+                    solver,
+                    posed,
+                    arm=task["arm"],
+                    references=recording.references,
+                    time_limit=time_limit,
+                    budget=budget,
+                    first=order["first"],
+                    watch=pen,
+                )
+            except Lost:
+                said = LOST
+            link.sendall(order["word"].encode() + said)
+
+
+def _redirect(words: str) -> None:
+    """Nothing comes in, and whatever is printed goes to the file `words`."""
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    out = os.open(words, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+    os.dup2(nothing, 0)
+    os.dup2(out, 1)
+    os.dup2(out, 2)
+    os.close(nothing)
+    os.close(out)
+
+
+def _limit(memory: int) -> None:
+    """Limit what the process may take: `memory` [bytes] beyond what it has."""
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    statm = Path("/proc/self/statm")
+    if statm.exists():
+        has = int(statm.read_text().split()[0]) * resource.getpagesize()
+        _lower(resource.RLIMIT_AS, has + memory)
+        with contextlib.suppress(OSError):
+            Path("/proc/self/oom_score_adj").write_text("1000")
+    if os.getuid() != 0 and Path("/proc").is_dir():
+        _lower(resource.RLIMIT_NPROC, _tasks_of(os.getuid()) + NEW_TASKS)
+
+
+def _lower(which: int, value: int) -> None:
+    """Set a limit, unless a lower one is there."""
+    _, most = resource.getrlimit(which)
+    if most == resource.RLIM_INFINITY or value < most:
+        resource.setrlimit(which, (value, value))
+
+
+def _tasks_of(user: int) -> int:
+    """Processes and threads of a user."""
+    count = 0
+    for process in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            if process.stat().st_uid == user:
+                count += len(os.listdir(process / "task"))
+    return count
+
+
+def _parents() -> dict[int, int]:
+    """Process → its parent, of all that live; empty where the system does not tell."""
+    parents = {}
+    for entry in os.listdir("/proc") if os.path.isdir("/proc") else ():
+        if entry.isdigit():
+            with contextlib.suppress(OSError, ValueError):
+                with open(f"/proc/{entry}/stat", "rb") as file:
+                    state, parent = file.read().rpartition(b")")[2].split()[:2]
+                if state != b"Z":
+                    parents[int(entry)] = int(parent)
+    return parents
+
+
+def _kill_session(leader: int) -> None:
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.killpg(leader, signal.SIGKILL)
+
+
+def _prctl(option: int, value: int) -> None:
+    """Linux alone knows it."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(option, value, 0, 0, 0)
