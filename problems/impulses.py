@@ -9,12 +9,18 @@ F = 0 the kinetic energy changes by −½‖AΛ‖², never upwards, whatever μ
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import scipy.sparse as sp
 
 from problems.assembly import Assembly, scaled_columns
+from problems.newton_coulomb import newton_coulomb_impulse
 from problems.qp import Vector
 from problems.sequence import QPSequence
+
+ImpulseRule = Literal["paper", "newton_coulomb"]
+"""The paper's cone of impulses, or `problems.newton_coulomb`."""
 
 IMPULSE_ACCURACY = 1e-10
 """Accuracy asked of an impulse, relative to the momentum: the paper factorizes exactly there."""
@@ -52,9 +58,19 @@ def cone_generators(
 
 
 def solve_impulse(
-    qps: QPSequence, assembly: Assembly, D: Vector, mu_I: float, v: Vector, F: Vector, t: float
+    qps: QPSequence,
+    assembly: Assembly,
+    D: Vector,
+    mu_I: float,
+    v: Vector,
+    F: Vector,
+    t: float,
+    rule: ImpulseRule = "paper",
 ) -> tuple[Vector, Vector]:
     """q̇₊ (3n,) and Λ over [normals, frictions] (N + F,) for q̇₋ = v and external impulse F."""
+    accuracy = IMPULSE_ACCURACY * max(1.0, float(np.linalg.norm(D * v)))
+    if rule == "newton_coulomb" and mu_I > 0 and assembly.frictions:
+        return newton_coulomb_impulse(qps, assembly, D, mu_I, v, F, t, accuracy)
     V, normal, _, direction = cone_generators(assembly, mu_I)
     G = sp.hstack([assembly.G_N, assembly.G_F], format="csc")
     places = [assembly.places[i] for i in normal]
@@ -75,7 +91,7 @@ def solve_impulse(
         generators=None if identity and count > LARGE_IDENTITY else V.toarray(),
         kind="impulse",
         t=t,
-        eps0=IMPULSE_ACCURACY * max(1.0, float(np.linalg.norm(D * v))),
+        eps0=accuracy,
     )
     c = np.asarray(solution.x)
     return qp.residual(c) / D, qp.multipliers(c)

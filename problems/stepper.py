@@ -46,7 +46,7 @@ from problems.events import (
     touching,
 )
 from problems.friction import FrictionRule
-from problems.impulses import solve_impulse
+from problems.impulses import ImpulseRule, solve_impulse
 from problems.multistep import GROWTH, SAFETY, History, Path, first_order_step
 from problems.qp import Vector
 from problems.run import Event, Run
@@ -80,6 +80,7 @@ class StepperOptions:
     fixed_step : a constant h [s] without error control, cut only by events; None: (3.5)
     h_first, h_max : first and largest step [s]
     order : r of AB-r and BDF-r once it has started, 1 or 2
+    impulses : "paper" or "newton_coulomb", see `problems.impulses`
     rest_speed : ‖q̇_i‖_M of every body below which the system is still; default 2 ε
     """
 
@@ -91,6 +92,7 @@ class StepperOptions:
     h_max: float = 0.02
     rest_speed: float = 0.0
     order: int = 2
+    impulses: ImpulseRule = "paper"
 
     def __post_init__(self) -> None:
         for name in ("eps", "drop_tol", "h_first", "h_max", "rest_speed"):
@@ -99,6 +101,8 @@ class StepperOptions:
                 raise ValueError(f"{name} = {value!r}; it must be a positive number")
         if self.fixed_step is not None and not 0 < self.fixed_step < np.inf:
             raise ValueError(f"fixed_step = {self.fixed_step!r}; it must be a positive number")
+        if self.impulses not in ("paper", "newton_coulomb"):
+            raise ValueError(f'impulses = {self.impulses!r}; choose "paper" or "newton_coulomb"')
         if self.order not in (1, 2):
             raise ValueError(f"order = {self.order!r}; choose 1 or 2")
         if self.friction not in ("paper", "corrected"):
@@ -118,6 +122,7 @@ def simulate(
     h_max: float = 0.02,
     rest_speed: float | None = None,
     order: int = 2,
+    impulses: ImpulseRule = "paper",
     progress: Callable[[float], None] | None = None,
 ) -> Run:
     """Simulate `scene` with `solver` in the loop, to `until` [s], its end time or rest.
@@ -138,6 +143,7 @@ def simulate(
         h_max=h_max,
         rest_speed=2 * eps if rest_speed is None else rest_speed,
         order=order,
+        impulses=impulses,
     )
     end = scene.end_time if until is None else float(until)
     if not (np.isfinite(end) and end > 0):
@@ -448,7 +454,14 @@ class Stepper:
             self.qps.settle(accepted=False)
             if assembly.normals:
                 v, _ = solve_impulse(
-                    self.qps, assembly, self.D, self.scene.mu_I, v_before, F, self.t
+                    self.qps,
+                    assembly,
+                    self.D,
+                    self.scene.mu_I,
+                    v_before,
+                    F,
+                    self.t,
+                    self.options.impulses,
                 )
             else:
                 v = v_before + F / self.D**2

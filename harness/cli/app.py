@@ -48,6 +48,9 @@ Eps = Annotated[float | None, typer.Option(help="the stepper's ε; default: the 
 Friction = Annotated[
     Literal["corrected", "paper"], typer.Option(help="the paper's lagged friction, or corrected")
 ]
+Impulses = Annotated[
+    Literal["paper", "newton_coulomb"], typer.Option(help="what friction does in a collision")
+]
 DropTol = Annotated[
     float | None, typer.Option(help="speed at which a contact without force is dropped; default: ε")
 ]

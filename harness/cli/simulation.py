@@ -7,7 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from harness.cli.app import DropTol, Eps, Friction, Sets, Until, app, output_file, terminal, told
+from harness.cli.app import (
+    DropTol,
+    Eps,
+    Friction,
+    Impulses,
+    Sets,
+    Until,
+    app,
+    output_file,
+    terminal,
+    told,
+)
 
 if TYPE_CHECKING:
     from harness.recording import Recording
@@ -24,6 +35,7 @@ def simulate(
         float | None, typer.Option(help="step length [s], without error control")
     ] = None,
     friction: Friction = "corrected",
+    impulses: Impulses = "paper",
     drop_tol: DropTol = None,
     settings: Sets = None,
     trajectory: Annotated[
@@ -59,6 +71,7 @@ def simulate(
             until=until,
             fixed_step=fixed_step,
             friction=friction,
+            impulses=impulses,
             drop_tol=drop_tol,
             progress=lambda t: tell(f"t = {t:.3f} s", t, end),
         )
@@ -86,6 +99,7 @@ def record(
     eps: Eps = None,
     until: Until = None,
     friction: Friction = "corrected",
+    impulses: Impulses = "paper",
     drop_tol: DropTol = None,
     output: Annotated[Path, typer.Option("-o", "--output", help="folder")] = Path("recordings"),
 ) -> None:
@@ -96,7 +110,13 @@ def record(
 
     Example:  glambda record fig4 --set mu_I=0.8 -o recordings
     """
-    options = {"eps": eps, "until": until, "friction": friction, "drop_tol": drop_tol}
+    options = {
+        "eps": eps,
+        "until": until,
+        "friction": friction,
+        "impulses": impulses,
+        "drop_tol": drop_tol,
+    }
     for made, path in recorded(scene, settings, options, output):
         typer.echo(f"{path}: {len(made.qps)} QPs, digest {made.digest[:12]}…")
 
