@@ -25,8 +25,10 @@ PATIENCE = 60.0
 """Longest that the server may take to do what it is told [s]."""
 WORDS = 1 << 20
 """Bytes of what a process prints that are kept."""
-LINES, LENGTH = 3, 300
-"""Last words: lines and characters of them, at most."""
+LINES, LENGTH = 3, 100
+"""Last words: so many lines of so many characters at most."""
+TAIL = 4096
+"""Bytes that last words are looked for in."""
 
 
 class IsolationError(RuntimeError):
@@ -206,8 +208,8 @@ class Process:
     def last_words(self) -> str:
         """The last lines that it has printed, behind a colon, or nothing."""
         text = (self._trimmed + self._tail()).decode(errors="replace")
-        lines = [" ".join(line.split()) for line in text.splitlines() if line.strip()]
-        said = " | ".join(lines[-LINES:])[-LENGTH:]
+        lines = [" ".join(line.split())[:LENGTH] for line in text.splitlines() if line.strip()]
+        said = " | ".join(lines[-LINES:])
         return f": {said}" if said else ""
 
     def trim_words(self) -> None:
@@ -220,7 +222,7 @@ class Process:
     def _tail(self) -> bytes:
         try:
             with open(self._words, "rb") as file:
-                file.seek(max(0, os.fstat(file.fileno()).st_size - 4 * LENGTH))
+                file.seek(max(0, os.fstat(file.fileno()).st_size - TAIL))
                 return file.read()
         except OSError:
             return b""

@@ -15,9 +15,12 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 from harness.forkserver import DONE
 from problems.qp import ContactQP, Solution, Status, Timing, WorkCounts
@@ -94,24 +97,35 @@ def _made(name: str, **methods: Any) -> type[Honest]:
 
 
 class Crime(NamedTuple):
-    """A criminal, and what is to be found: verdict and status text, a regular expression."""
+    """A criminal, and what is to be found: verdict and status text, a regular expression.
+
+    at_the_end : it is found out when the pass is over, so the row is that of the last QP
+    """
 
     solver: type[Honest]
     verdict: str
     text: str
+    at_the_end: bool
+
+    def row(self, rows: pd.DataFrame) -> pd.Series:
+        """The row of the crime, of one solver's rows in order."""
+        return rows[rows["t"] == SCENE].iloc[0] if not self.at_the_end else rows.iloc[-1]
 
 
 CRIMES: dict[str, Crime] = {}
 
 
 def crime(
-    verdict: str, text: str = "", by: Callable[[Any], type[Honest]] = committing
+    verdict: str,
+    text: str = "",
+    by: Callable[[Any], type[Honest]] = committing,
+    at_the_end: bool = False,
 ) -> Callable[[Any], type[Honest]]:
     """Enter what is decorated into `CRIMES`."""
 
     def enter(what: Any) -> type[Honest]:
         solver = by(what)
-        CRIMES[what.__name__] = Crime(solver, verdict, text)
+        CRIMES[what.__name__] = Crime(solver, verdict, text, at_the_end)
         return solver
 
     return enter
@@ -169,6 +183,14 @@ def screams_and_aborts(qp: ContactQP) -> None:
     os.abort()
 
 
+@crime("crashed", "SIGABRT", by=as_it_is)
+class dies_at_each(Honest):
+    """It is given up after some."""
+
+    def run(self, native: Any) -> Any:
+        os.abort()
+
+
 # It does not come back.
 
 
@@ -217,14 +239,14 @@ class leaks(Honest):
         return problem
 
 
-@crime("crashed", "left processes of its own behind: 3")
+@crime("crashed", "left processes of its own behind: 3", at_the_end=True)
 def forks(qp: ContactQP) -> None:
     for _ in range(3):
         if os.fork() == 0:
             _sleep_deaf()
 
 
-@crime("crashed", "left processes of its own behind: 1")
+@crime("crashed", "left processes of its own behind: 1", at_the_end=True)
 def forks_a_daemon(qp: ContactQP) -> None:
     child = os.fork()
     if child == 0:
@@ -255,6 +277,13 @@ def kills_its_parent(qp: ContactQP) -> None:
     time.sleep(100)
 
 
+@crime("crashed", "SIGBUS")
+def cuts_its_sheet_short(qp: ContactQP) -> None:
+    with open("/proc/self/maps") as maps:
+        paths = {line.split()[-1] for line in maps if line.rstrip().endswith("/sheet")}
+    os.truncate(paths.pop(), 0)
+
+
 # It speaks out of turn.
 
 
@@ -280,23 +309,20 @@ def recurses(qp: ContactQP) -> None:
     recurses.crime(None, qp)  # type: ignore[arg-type]
 
 
-@crime("crashed", "left with exit code 1")
+@crime("crashed", "left with exit code 1", at_the_end=True)
 def closes_its_files(qp: ContactQP) -> None:
-    """It is found out when the pass is over: the crime is the last QP's."""
     os.closerange(0, 256)
 
 
-@crime("crashed", "wrote into the pipe to its parent")
+@crime("crashed", "wrote into the pipe to its parent", at_the_end=True)
 def babbles(qp: ContactQP) -> None:
-    """It is found out when the pass is over: the crime is the last QP's."""
     for number in range(3, 64):
         with contextlib.suppress(OSError):
             os.write(number, b"\x00\xffnonsense")
 
 
-@crime("crashed", "wrote into the pipe to its parent")
+@crime("crashed", "wrote into the pipe to its parent", at_the_end=True)
 def says_that_it_is_done(qp: ContactQP) -> None:
-    """It is found out when the pass is over: the crime is the last QP's."""
     for number in range(3, 64):
         with contextlib.suppress(OSError):
             os.write(number, DONE)
