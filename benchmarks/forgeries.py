@@ -121,7 +121,15 @@ def forge(path: Path, change: Callable[[h5py.File], None]) -> None:
             counts = {name: int(count.real) for name, count in file["counts"].attrs.items()}
             digest = recordings._digest(arrays, header | texts, counts)
             file.attrs["digest"] = np.bytes_(digest)
-        except (LookupError, TypeError, ValueError, AttributeError, OSError, RuntimeError):
+        except (
+            ArithmeticError,
+            AttributeError,
+            LookupError,
+            OSError,
+            RuntimeError,
+            TypeError,
+            ValueError,
+        ):
             pass  # nothing that could be signed is left
     path.write_bytes(sealed(path.read_bytes()))
 

@@ -3,15 +3,19 @@
 The lock is the kernel's, on a file `.lock` in the folder, and so ends with the process that holds
 it, however that ends: a file that is left behind locks nobody out.  It belongs to the process, not
 to its children, so that a solver that hangs on after its study was killed does not hold it either.
-Within one process everybody shares it.
+Within one process everybody shares it.  Where there are no such locks (Windows) nobody is kept out.
 """
 
 from __future__ import annotations
 
-import fcntl
 import os
 import weakref
 from pathlib import Path
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 NAME = ".lock"
 
@@ -32,13 +36,14 @@ class FolderLock:
         descriptor = os.open(folder / NAME, os.O_RDWR | os.O_CREAT, 0o666)
         self._release = weakref.finalize(self, os.close, descriptor)
         try:
-            fcntl.lockf(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if fcntl is not None:
+                fcntl.lockf(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except (BlockingIOError, PermissionError):
-            process = os.pread(descriptor, 20, 0).decode(errors="replace")
+            process = os.read(descriptor, 20).decode(errors="replace")
             self._release()
             raise Locked(process if process.isdecimal() else "") from None
         os.ftruncate(descriptor, 0)
-        os.pwrite(descriptor, str(os.getpid()).encode(), 0)
+        os.write(descriptor, str(os.getpid()).encode())
 
 
 def lock_folder(folder: Path) -> FolderLock:

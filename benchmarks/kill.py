@@ -1,0 +1,291 @@
+"""kill -9 in the middle of a study, again and again: does every one that goes on end the same?
+
+    python benchmarks/kill.py                after every store operation, and at 220 random moments
+    python benchmarks/kill.py --random 5 --isolated 1 --operations 10          a few of each
+
+1. A tiny study, a scene of few QPs through a few solvers, is done without interruption.
+2. The same is begun in an empty folder and killed: after its n-th operation on a file (open, write,
+   fsync, rename, and in the middle of a write), for every n; and at moments drawn from a
+   seed, where each solver is in the same process and where each is in one of its own.  Half of the
+   latter are killed a second time while they go on.
+3. What is there is read, which must not fail, and the study is run again to its end.
+4. Every table must equal that of the study without interruption, but for times; so must the
+   recording and study.json, byte for byte; and no other file may be left.
+
+Operations are counted from outside: the modules that touch files are handed an `os` and an `open`
+that count.  Exit code 1 if a table differs, a file cannot be read, or the study does not go on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import signal
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from harness import folder_lock, whole_files
+from harness.replay import replay
+from harness.store import Store, read_repeats, read_results
+from harness.study import record_into
+
+SCENE, UNTIL = "tower,bodies=3", 0.05
+SOLVERS = ("lotstedt", "daqp", "quadprog")
+REPEATS = 2
+TIMES = ("runtime", "runtime_median", "build_time", "setup_time", "solve_time", "call_time")
+MAY_DIFFER = {"spent.json", ".lock"}
+"""Files that hold seconds or process numbers."""
+PATIENCE = 120.0
+"""Seconds after which a study counts as hanging."""
+
+
+def study(folder: Path, isolate: bool) -> None:
+    """A study as `harness.study` does it, but tiny."""
+    store = Store(folder)
+    store.write_study({"scene": SCENE, "until": UNTIL})
+    recording = record_into(folder / "recordings", SCENE, until=UNTIL)
+    replay(recording, SOLVERS, ("high",), results=folder, repeats=REPEATS, isolate=isolate)
+
+
+class Countdown:
+    """Counts operations on files, and kills this process after (or amid) the one asked for."""
+
+    def __init__(self, last: int, report: Path | None = None) -> None:
+        self.left, self.report = last, report
+
+    def over(self, name: str, half: Callable[[], Any] | None = None) -> None:
+        """An operation is done; `half` does half of one that could be cut."""
+        if self.report is not None:
+            with open(self.report, "a") as file:
+                file.write(name + "\n")
+        self.left -= 1
+        if self.left == 0:
+            if half is not None:
+                half()
+            os.kill(os.getpid(), signal.SIGKILL)
+
+
+class CountedOs:
+    """`os`, whose operations on files are counted."""
+
+    COUNTED = ("open", "write", "fsync", "replace", "ftruncate")
+
+    def __init__(self, count: Countdown) -> None:
+        self.count = count
+
+    def __getattr__(self, name: str) -> Any:
+        function = getattr(os, name)
+        if name not in self.COUNTED:
+            return function
+
+        def counted(*arguments: Any) -> Any:
+            result = function(*arguments)
+            self.count.over(name)
+            return result
+
+        return counted
+
+
+def counted_open(count: Countdown) -> Callable[..., Any]:
+    """`open` for whole files: opening, half a write and a write are counted."""
+
+    def opened(path: Path, mode: str) -> Any:
+        file = open(path, mode, buffering=0)  # noqa: SIM115
+        write = file.write
+        count.over("open")
+
+        class Counted:
+            def __enter__(self) -> Counted:
+                return self
+
+            def __exit__(self, *error: object) -> None:
+                file.close()
+
+            def __getattr__(self, name: str) -> Any:
+                return getattr(file, name)
+
+            def write(self, content: bytes) -> None:
+                count.over("half a write", lambda: write(content[: len(content) // 2]))
+                write(content)
+                count.over("write")
+
+        return Counted()
+
+    return opened
+
+
+def begin(folder: Path, isolate: bool, count: Countdown | None = None) -> int:
+    """Run the study in a process of its own; its number."""
+    child = os.fork()
+    if child:
+        return child
+    os.setpgid(0, 0)
+    code = 1
+    try:
+        if count is not None:
+            counted: Any = CountedOs(count)
+            whole_files.os = folder_lock.os = counted  # type: ignore[attr-defined]
+            whole_files.open = counted_open(count)  # type: ignore[attr-defined]
+        study(folder, isolate)
+        code = 0
+    except BaseException as error:
+        print(f"{type(error).__name__}: {error}", file=sys.stderr)
+    finally:
+        os._exit(code)
+
+
+def ended(child: int, seconds: float = PATIENCE) -> int | None:
+    """Its exit code (negative: the signal) within so many seconds, or None."""
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        done, status = os.waitpid(child, os.WNOHANG)
+        if done:
+            return os.waitstatus_to_exitcode(status)
+        time.sleep(min(0.002, seconds / 10))
+    return None
+
+
+def kill(child: int) -> None:
+    """Kill this process, not its group: what it started must look after itself."""
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+
+
+def content(folder: Path) -> dict[str, Any]:
+    """All that must not differ: tables without times, and sums of the other files."""
+    found: dict[str, Any] = {
+        "results": read_results(folder).drop(columns=list(TIMES)),
+        "repeats": read_repeats(folder)[["problem", "solver", "settings", "arm", "repeat"]],
+    }
+    for path in sorted(folder.rglob("*")):
+        name = str(path.relative_to(folder))
+        if path.suffix == ".parquet":
+            found[name] = "a shard"
+        elif path.is_file() and path.name not in MAY_DIFFER:
+            found[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+    return found
+
+
+def difference(found: dict[str, Any], expected: dict[str, Any]) -> str:
+    """What differs, or nothing."""
+    if found.keys() != expected.keys():
+        return f"files: {sorted(found.keys() ^ expected.keys())}"
+    for name, value in expected.items():
+        same = (
+            value.equals(found[name]) if isinstance(value, pd.DataFrame) else value == found[name]
+        )
+        if not same:
+            return name
+    return ""
+
+
+def interrupted(
+    expected: dict[str, Any], isolate: bool, last: int = 0, moments: Sequence[float] = ()
+) -> str:
+    """Kill a study after operation `last`, or at each of the moments [s], then end it.
+
+    Returns what went wrong, or nothing.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name) / "results"
+        folder.mkdir()
+        if last:
+            code = ended(begin(folder, isolate, Countdown(last)))
+            if code != -signal.SIGKILL:
+                return f"was not killed, but ended with {code}"
+        for moment in moments:
+            child = begin(folder, isolate)
+            if ended(child, moment) is None:
+                kill(child)
+        try:
+            read_results(folder)
+            read_repeats(folder)
+        except ValueError as error:
+            return f"half written: {error}"
+        child = begin(folder, isolate)
+        code = ended(child)
+        if code is None:
+            kill(child)
+        if code != 0:
+            return f"did not go on: exit code {code}"
+        return difference(content(folder), expected)
+
+
+def operations() -> list[str]:
+    """What a study without interruption does to files, in order."""
+    with tempfile.TemporaryDirectory() as name:
+        folder, report = Path(name) / "results", Path(name) / "operations"
+        folder.mkdir()
+        if ended(begin(folder, False, Countdown(-1, report))) != 0:
+            raise RuntimeError("the study did not end; its own words are above")
+        return report.read_text().split("\n")[:-1]
+
+
+def uninterrupted(isolate: bool) -> tuple[dict[str, Any], float]:
+    """What a study without interruption leaves behind, and how long it takes [s]."""
+    with tempfile.TemporaryDirectory() as name:
+        began = time.monotonic()
+        if ended(begin(Path(name), isolate)) != 0:
+            raise RuntimeError("the study did not end; its own words are above")
+        return content(Path(name)), time.monotonic() - began
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print how many studies were killed where, and what came of them; 1 if one went wrong."""
+    parser = argparse.ArgumentParser(description="kill -9 in the middle of a study.")
+    parser.add_argument("--operations", type=int, help="so many of them; default: after each")
+    parser.add_argument("--random", type=int, default=200, help="random moments, in one process")
+    parser.add_argument("--isolated", type=int, default=20, help="the same, solvers in their own")
+    parser.add_argument("--seed", type=int, default=0)
+    chosen = parser.parse_args(arguments)
+    rng = np.random.default_rng(chosen.seed)
+    with tempfile.TemporaryDirectory() as folder:
+        study(Path(folder), isolate=False)  # imports and compiles; the forks inherit it
+    expected, seconds = uninterrupted(isolate=False)
+    names = operations()
+    wanted = range(1, len(names) + 1)
+    if chosen.operations is not None:
+        some = min(chosen.operations, len(names))
+        wanted = sorted(1 + rng.choice(len(names), some, replace=False))
+    tried: Counter[str] = Counter()
+    wrong: Counter[str] = Counter()
+
+    def tell(what: str, words: str) -> None:
+        tried[what] += 1
+        if words:
+            wrong[what] += 1
+            print(f"FAILED: killed at {what}: {words}", flush=True)
+        if sum(tried.values()) % 25 == 0:
+            print(f"{sum(tried.values())} killed, {wrong.total()} went wrong", flush=True)
+
+    for last in wanted:
+        tell(f"{names[last - 1]}", interrupted(expected, False, last=int(last)))
+    for _ in range(chosen.random):
+        moments = rng.uniform(0, seconds, rng.integers(1, 3))
+        tell("a random moment", interrupted(expected, False, moments=moments))
+    if chosen.isolated:
+        same, seconds = uninterrupted(isolate=True)
+        words = difference(same, expected)
+        if words:
+            tell("no moment, solvers apart", words)
+        for _ in range(chosen.isolated):
+            moments = rng.uniform(0, seconds, rng.integers(1, 3))
+            tell("a random moment, solvers apart", interrupted(expected, True, moments=moments))
+    rows = [(what, count, count - wrong[what]) for what, count in tried.items()]
+    rows.append(("all", tried.total(), tried.total() - wrong.total()))
+    table = pd.DataFrame(rows, columns=["killed at or after", "times", "went on to the same end"])
+    print(table.to_markdown(index=False))
+    return int(wrong.total() > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,42 @@
+"""Studies that are killed go on to the same end; `benchmarks/kill.py` does it at length."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+
+IN_PLACE = """
+import sys
+from benchmarks import kill
+import harness.store, harness.recording
+
+def write_in_place(path, content):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with kill.whole_files.open(path, "wb") as file:
+        file.write(content)
+
+kill.whole_files.open = open
+harness.store.write_whole = harness.recording.write_whole = write_in_place
+sys.exit(kill.main(["--operations", "8", "--random", "0", "--isolated", "0"]))
+"""
+
+
+def benchmark(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, *arguments], cwd=ROOT, capture_output=True, text=True, timeout=300
+    )
+
+
+def test_a_killed_study_goes_on_to_the_same_end() -> None:
+    run = benchmark("-m", "benchmarks.kill", "--operations=3", "--random=1", "--isolated=0")
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert "| all" in run.stdout
+
+
+def test_writing_in_place_would_be_noticed() -> None:
+    run = benchmark("-c", IN_PLACE)
+    assert run.returncode == 1, run.stdout + run.stderr
+    assert "FAILED: killed at half a write" in run.stdout
