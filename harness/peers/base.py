@@ -1,0 +1,151 @@
+"""What every engine is asked: build a scene, move it on, tell where everything is.
+
+An engine is one class, one file.  It gets the scene as it is: convex parts, masses, moments of
+inertia, friction, half planes, gravity, positions and velocities; restitution 0; no sleeping.
+Beside what is swept, its step or its accuracy, it has named `settings`: what it comes with
+(`stock`), and what its manual recommends for accuracy, with several numbers of iterations where it
+iterates.  What its model of contact does differently is said in `model`.
+"""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from problems import Scene
+from problems.qp import Vector
+
+Settings = Mapping[str, Mapping[str, Any]]
+"""Name → options of an engine's constructor."""
+
+STEPS = tuple(1 / (60 * 2**k) for k in range(9))
+"""Steps that are swept [s]: 1/60 … 1/15,360."""
+REST_STEP = 1 / 240
+"""Step for scenes at rest [s]."""
+GROUND_DEPTH = 10.0
+"""Thickness of the ground in engines without half planes [m]."""
+GROUND_MARGIN = 20.0
+"""By how much such a ground is wider than the scene [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What an engine made of a scene at the times asked for.
+
+    q, v : (times, n, 3) [m, m, rad], per second;  cpu : of the stepping alone [s];  steps : taken
+    """
+
+    q: Vector
+    v: Vector
+    cpu: float
+    steps: int
+
+
+class Peer(ABC):
+    """One scene in one engine.
+
+    package : on the package index;  settings : name → options of the constructor
+    model : how its model of contact differs from rigid bodies, in words that follow its name
+    swept : "h" [s], or "accuracy" or "ε" where the engine controls the error of a step
+    resolutions : values of it, coarse first;  middling : two of them, for whole motions
+    resting : settings for scenes at rest, None for the same;  rest : value of what is swept there
+    """
+
+    package: ClassVar[str]
+    settings: ClassVar[Settings]
+    model: ClassVar[str]
+    swept: ClassVar[str] = "h"
+    resolutions: ClassVar[Sequence[float]] = STEPS
+    middling: ClassVar[Sequence[float]] = (1 / 240, 1 / 960)
+    resting: ClassVar[Settings | None] = None
+    rest: ClassVar[float] = REST_STEP
+
+    @abstractmethod
+    def __init__(self, scene: Scene, resolution: float, **options: Any):
+        """Build `scene`."""
+
+    @abstractmethod
+    def run(self, times: Sequence[float]) -> Motion:
+        """Move on from t = 0, once; the states at ascending times [s]."""
+
+
+class Stepped(Peer):
+    """An engine that is told to step."""
+
+    def __init__(self, h: float) -> None:
+        self.h, self.steps = h, 0
+
+    @abstractmethod
+    def step(self) -> None:
+        """Advance by h."""
+
+    @abstractmethod
+    def state(self) -> tuple[Vector, Vector]:
+        """Positions and velocities, (n, 3) each [m, m, rad], per second."""
+
+    def advance(self, t: float) -> None:
+        """Step until t [s], a multiple of h."""
+        last = round(t / self.h)
+        for _ in range(last - self.steps):
+            self.step()
+        self.steps = last
+
+    def run(self, times: Sequence[float]) -> Motion:
+        states, spent = [], 0
+        for t in times:
+            start = time.process_time_ns()
+            self.advance(t)
+            spent += time.process_time_ns() - start
+            states.append(self.state())
+        q, v = (np.array(part) for part in zip(*states, strict=True))
+        return Motion(q, v, 1e-9 * spent, self.steps)
+
+
+def one_friction(scene: Scene) -> float:
+    """The friction coefficient of all pairs, since engines give it to bodies.
+
+    Raises ValueError for a scene that has another one for some pairs, or forces beside gravity.
+    """
+    if scene.mu_pairs:
+        raise ValueError(f"scene {scene.label!r} has friction by pairs, which engines do not have")
+    if scene.forces:
+        raise ValueError(f"scene {scene.label!r} has forces beside gravity; choose one without")
+    return scene.mu
+
+
+def ground_corners(scene: Scene) -> list[Vector]:
+    """A box for each half plane, (4, 2) [m], `GROUND_DEPTH` thick, the surface on its last side.
+
+    It spans the scene and `GROUND_MARGIN` more on either side: single precision wants it short.
+    """
+    reach = max(body.radius for body in scene.bodies) + GROUND_MARGIN
+    boxes = []
+    for plane in scene.ground:
+        normal = np.array(plane.normal) / np.hypot(*plane.normal)
+        along = np.array([normal[1], -normal[0]])
+        places = (scene.q0[:, :2] - plane.point) @ along
+        left = plane.point + (places.min() - reach) * along
+        right = plane.point + (places.max() + reach) * along
+        down = -GROUND_DEPTH * normal
+        boxes.append(np.array([left + down, right + down, right, left]))
+    return boxes
+
+
+def is_box(part: Vector) -> bool:
+    """Whether a convex part (c, 2) is a rectangle along the axes of its body."""
+    return len(part) == 4 and len(set(part[:, 0])) == 2 and len(set(part[:, 1])) == 2
+
+
+def centre_and_size(part: Vector, engine: str) -> tuple[Vector, Vector]:
+    """Middle and sides of a rectangular part [m].
+
+    Raises ValueError for another part, which `engine` is not given.
+    """
+    if not is_box(part):
+        raise ValueError(f"{engine} is given boxes only; leave it out with --engines")
+    return part.mean(axis=0), np.ptp(part, axis=0)

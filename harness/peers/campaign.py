@@ -1,0 +1,152 @@
+"""Runs of engines over their steps and settings, kept as they finish.
+
+    FOLDER/runs/<hash>.json     one run: what was asked, of which versions, on which machine; what
+                                came of it
+
+1. Engines take turns, each in a process of its own (`harness.peers.worker`), coarse steps first.
+2. A run that is there already is not repeated, unless it did not end within a shorter limit.
+   Another version, machine or scene is another run; stale ones lie there and are not read.
+3. Where a pass took more than the limit, finer ones of the setting are not tried; the row says so.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from harness.machine import machine_label
+from harness.peers import ENGINES, OURS, EngineInfo, describe_engine, engine_class, engine_version
+from harness.peers.tasks import DEFAULT, Task, tasks_of
+from harness.peers.worker import Worker
+from harness.record import Progress
+from harness.whole_files import write_whole
+
+LIMIT = 30.0
+"""CPU time that one pass may take [s]."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is run.
+
+    scenes : as for `harness.peers.tasks.tasks_of`;  engines : names; empty: all that are there
+    limit : CPU time that one pass may take [s]
+
+    The project's own stepper is always among the engines: its finest run is the reference.
+    """
+
+    scenes: tuple[str, ...] = DEFAULT
+    engines: tuple[str, ...] = ()
+    limit: float = LIMIT
+
+    def __post_init__(self) -> None:
+        if not self.limit > 0:
+            raise ValueError(f"limit = {self.limit}; give a positive number of seconds")
+        for name in self.engines:
+            found = describe_engine(name)
+            if not found.available:
+                raise ValueError(f"engine {name!r} is not installed: {found.reason}")
+
+    def described(self) -> list[EngineInfo]:
+        """The engines that are meant, ours first."""
+        names = dict.fromkeys((OURS, *(self.engines or ENGINES)))
+        return [describe_engine(name) for name in names]
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run that is wanted: what distinguishes it from others."""
+
+    engine: str
+    setting: str
+    swept: str
+    resolution: float
+    task: Task
+    version: str
+    machine: str
+
+    def path(self, folder: Path) -> Path:
+        """Where its outcome is kept."""
+        text = json.dumps(asdict(self), sort_keys=True)
+        return folder / "runs" / f"{hashlib.sha256(text.encode()).hexdigest()[:16]}.json"
+
+
+Outcome = dict[str, Any]
+
+
+def run_campaign(
+    plan: Plan, folder: str | Path, *, progress: Progress | None = None
+) -> list[tuple[Run, Outcome]]:
+    """Run what is missing in `folder`; all runs of the plan with their outcomes.
+
+    An outcome has status ("done", "failed", "crashed", "timeout" or "skipped") and reason, and if
+    it is done what `harness.peers.observe.observe` returns.
+    """
+    folder = Path(folder)
+    tasks = tasks_of(plan.scenes)
+    engines = [info.name for info in plan.described() if info.available]
+    total = len(engines) * len(tasks)
+    done: list[tuple[Run, Outcome]] = []
+    for place, (task, engine) in enumerate((task, engine) for task in tasks for engine in engines):
+        runs = list(runs_of(engine, task))
+        with Worker(engine, task) as worker:
+            for part, run in enumerate(runs):
+                if progress is not None:
+                    what = f"{task.name}: {engine}, {run.setting}, {run.swept} = {run.resolution:g}"
+                    progress(what, place + part / len(runs), float(total))
+                done.append((run, _outcome(run, done, worker, folder, plan.limit)))
+    return done
+
+
+def runs_of(engine: str, task: Task) -> Iterator[Run]:
+    """Everything that is asked of an engine in a task, setting by setting, coarse steps first."""
+    cls = engine_class(engine)
+    resting = task.kind == "rest"
+    settings = cls.resting if resting and cls.resting is not None else cls.settings
+    resolutions: Sequence[float] = (
+        (cls.rest,) if resting else cls.middling if task.kind == "whole" else cls.resolutions
+    )
+    swept = "h" if settings is cls.resting else cls.swept
+    for setting in settings:
+        for resolution in resolutions:
+            yield Run(
+                engine, setting, swept, resolution, task, engine_version(engine), machine_label()
+            )
+
+
+def _outcome(
+    run: Run, done: list[tuple[Run, Outcome]], worker: Worker, folder: Path, limit: float
+) -> Outcome:
+    """The outcome of a run, from the folder if it is there."""
+    path = run.path(folder)
+    kept = _kept(path, limit)
+    if kept is not None:
+        return kept
+    coarser = [
+        o for r, o in done if (r.task, r.engine, r.setting) == (run.task, run.engine, run.setting)
+    ]
+    if coarser and coarser[-1]["status"] in ("timeout", "skipped"):
+        outcome = {"status": "skipped", "reason": "a coarser step took too long"}
+    else:
+        cls = engine_class(run.engine)
+        options = {**cls.settings, **(cls.resting or {})}[run.setting]
+        outcome = worker.run(dict(options), run.resolution, limit)
+    outcome["limit"] = limit
+    write_whole(path, json.dumps({**asdict(run), **outcome}, indent=1).encode())
+    return outcome
+
+
+def _kept(path: Path, limit: float) -> Outcome | None:
+    """What is stored, unless more time is allowed now to a run that had too little."""
+    if not path.exists():
+        return None
+    try:
+        kept: Outcome = json.loads(path.read_bytes())
+    except ValueError:
+        return None  # damaged: run anew
+    ended = kept["status"] not in ("timeout", "skipped")
+    return kept if ended or kept["limit"] >= limit else None

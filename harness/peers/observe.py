@@ -1,0 +1,83 @@
+"""What is measured of a motion, from positions and velocities alone, by our own geometry."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from harness.peers.base import Motion, Peer
+from harness.peers.tasks import Task
+from problems import Scene
+from problems.bodies import mass_diagonal
+from problems.contacts import Geometry
+from problems.qp import Vector
+
+REPEATS = 3
+"""Passes of each run; the least CPU time counts."""
+
+
+def observe(
+    cls: type[Peer],
+    options: dict[str, Any],
+    resolution: float,
+    task: Task,
+    limit: float,
+    passed: Callable[[float], None],
+) -> dict[str, Any]:
+    """Run one engine on one task and measure.
+
+    limit : CPU time [s] that all passes together may take before they are not repeated
+    passed : told the CPU time of each pass as it ends
+
+    Returns cpu [s], steps, repeats, and what belongs to the task:
+        motion  q, the positions at the task's times;  energy_error, relative, the largest
+        whole   gain, the largest rise of energy, relative to that at the start
+        rest    drift, how far each body has moved [m];  turn, by how much [rad]
+    and penetration [m], the deepest overlap at any of the times.
+
+    Raises FloatingPointError where the motion is not finite.
+    """
+    scene = task.start()
+    passes: list[Motion] = []
+    while len(passes) < REPEATS and sum(motion.cpu for motion in passes) <= limit:
+        passes.append(cls(scene, resolution, **options).run(task.times))
+        passed(passes[-1].cpu)
+    motion = passes[-1]
+    if not (np.isfinite(motion.q).all() and np.isfinite(motion.v).all()):
+        raise FloatingPointError("positions or velocities are not finite numbers")
+    start = energy(scene, scene.q0[None], scene.v0[None])[0]
+    relative = (energy(scene, motion.q, motion.v) - start) / start
+    found: dict[str, Any] = {
+        "cpu": min(each.cpu for each in passes),
+        "steps": motion.steps,
+        "repeats": len(passes),
+        "penetration": penetration(scene, motion.q),
+    }
+    if task.kind == "motion":
+        found |= {"q": motion.q.tolist(), "energy_error": float(np.abs(relative).max())}
+    elif task.kind == "whole":
+        lowest = np.minimum.accumulate(np.concatenate([[0.0], relative]))
+        found["gain"] = float((relative - lowest[:-1]).max(initial=0.0))
+    else:
+        moved = np.abs(motion.q[-1] - scene.q0)
+        found |= {"drift": moved[:, :2].max(axis=1).tolist(), "turn": moved[:, 2].tolist()}
+    return found
+
+
+def energy(scene: Scene, q: Vector, v: Vector) -> Vector:
+    """T + V of gravity from y = 0, for states (times, n, 3), in (times,) [J]."""
+    M = mass_diagonal(scene.bodies).reshape(-1, 3)
+    return (0.5 * M * v**2).sum(axis=(1, 2)) + scene.gravity * q[:, :, 1] @ M[:, 1]
+
+
+def penetration(scene: Scene, q: Vector) -> float:
+    """The deepest overlap of two bodies, or of one and the ground, at any time [m]; at least 0."""
+    geometry = Geometry(scene.bodies, scene.ground)
+    deepest = 0.0
+    for state in q:
+        pose = geometry.pose(state.ravel())
+        pairs = geometry.near_pairs(pose, 0.0)
+        deepest = max([deepest, *(geometry.penetration(pose, pair) for pair in pairs)])
+    return float(deepest)

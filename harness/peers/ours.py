@@ -1,0 +1,77 @@
+"""This project's stepper, with the paper's method in the loop, measured as its peers are.
+
+It chooses its steps for an ε; its states between them are had by cubic interpolation.  What it
+takes to build the scene is measured by a run of no steps and not counted, as with the peers.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from math import sqrt
+from typing import Any, ClassVar
+
+import numpy as np
+
+from harness.peers.base import Motion, Peer, Settings
+from problems import Run, Scene, simulate
+from problems.qp import Vector
+from solvers import make_solver
+
+NO_TIME = 1e-9
+"""A run that ends here takes no step [s]."""
+FIRST_STEP, LARGEST_STEP = 1e-3, 0.02
+"""Stock bounds of the step [s]."""
+REST_EPS = 1e-9
+"""ε of fixed steps."""
+BOUNDED = "h ≤ √ε"
+"""The setting whose finest run is the reference: its steps are short even where its estimate of the
+error has nothing to go by, as before a contact lets go."""
+
+
+class Glambda(Peer):
+    package = "glambda"
+    settings: ClassVar[Settings] = {"stock": {}, BOUNDED: {"bounded": True}}
+    model = "takes contacts as rigid; impacts are inelastic, and without friction where μ_I = 0"
+    swept = "ε"
+    resolutions = (1e-2, 5e-3, 2e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
+    middling = (1e-3, 1e-4)
+    resting: ClassVar[Settings] = {"fixed step": {"fixed": True}}
+
+    def __init__(
+        self, scene: Scene, resolution: float, bounded: bool = False, fixed: bool = False
+    ) -> None:
+        self.scene, self.solver = scene, make_solver("lotstedt")
+        longest = min(sqrt(resolution), LARGEST_STEP) if bounded else LARGEST_STEP
+        self.options: dict[str, Any] = (
+            {"eps": REST_EPS, "fixed_step": resolution}
+            if fixed
+            else {"eps": resolution, "h_max": longest, "h_first": min(FIRST_STEP, longest)}
+        )
+
+    def run(self, times: Sequence[float]) -> Motion:
+        building, _ = self._timed(NO_TIME)
+        spent, run = self._timed(times[-1])
+        q, v = interpolate(run, times)
+        return Motion(q, v, spent - building, run.counts["steps"])
+
+    def _timed(self, until: float) -> tuple[float, Run]:
+        start = time.process_time_ns()
+        run = simulate(self.scene, self.solver, until=until, **self.options)
+        return 1e-9 * (time.process_time_ns() - start), run
+
+
+def interpolate(run: Run, times: Sequence[float]) -> tuple[Vector, Vector]:
+    """q, v (times, n, 3) by Hermite's cubic between accepted steps, and its derivative.
+
+    At an impact it is the state after it; beyond the end of the run, the last state.
+    """
+    wanted = np.asarray(times, dtype=np.float64)
+    first = np.clip(np.searchsorted(run.t, wanted, side="right") - 1, 0, len(run.t) - 2)
+    h = np.maximum(run.t[first + 1] - run.t[first], np.finfo(float).tiny)
+    x, h = (a[:, None, None] for a in (np.clip((wanted - run.t[first]) / h, 0.0, 1.0), h))
+    q0, q1, v0, v1 = run.q[first], run.q[first + 1], run.v[first], run.v[first + 1]
+    rise = (q1 - q0) / h
+    q = q0 + h * x * (v0 + x * (3 * rise - 2 * v0 - v1 + x * (v0 + v1 - 2 * rise)))
+    v = v0 + x * (6 * rise - 4 * v0 - 2 * v1 + x * (3 * v0 + 3 * v1 - 6 * rise))
+    return q, v

@@ -1,0 +1,110 @@
+"""A process that runs one engine on one task; a crash or a hang costs one run.
+
+It is started when first needed, and anew after it was lost.  Parent and child speak by a pipe: a
+job down; "passed" after each pass and at last the outcome up.  What the engine prints goes to a
+file, whose last line explains a death.
+"""
+
+from __future__ import annotations
+
+import multiprocessing as mp
+import os
+import signal
+import tempfile
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from harness.live_process import cause_of_death
+from harness.peers import engine_class
+from harness.peers.observe import observe
+from harness.peers.tasks import Task
+
+STARTING = 120.0
+"""Longest that importing an engine and building a scene may take [s]."""
+ERRORS = (ValueError, RuntimeError, ArithmeticError, MemoryError)
+"""What an engine or the stepper may raise of a motion that cannot go on."""
+LINE = 200
+"""Characters of a last line that are kept."""
+
+
+class Worker:
+    """One engine on one task, in a process of its own; to be used as a context."""
+
+    def __init__(self, engine: str, task: Task) -> None:
+        self.engine, self.task = engine, task
+        self._process: Any = None
+        self._link: Connection | None = None
+
+    def __enter__(self) -> Worker:
+        self._folder = tempfile.TemporaryDirectory()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end()
+        self._folder.cleanup()
+
+    def run(self, options: dict[str, Any], resolution: float, limit: float) -> dict[str, Any]:
+        """Outcome of one run: status "done" and what `observe` returns, or status and reason.
+
+        limit : [s] that one pass may take
+        """
+        link = self._link or self._start()
+        try:
+            link.send((options, resolution, limit))
+            while link.poll(STARTING + limit):
+                outcome: dict[str, Any] | None = link.recv()
+                if outcome is not None:
+                    return outcome
+        except (EOFError, OSError):
+            self._process.join()
+            reason = cause_of_death(self._process.exitcode) + self._last_line()
+            self._end()
+            return {"status": "crashed", "reason": reason}
+        self._end()
+        return {"status": "timeout", "reason": f"a pass took more than {limit:g} s"}
+
+    def _start(self) -> Connection:
+        context = mp.get_context("spawn")
+        self._link, theirs = context.Pipe()
+        arguments = (theirs, self.engine, self.task, self._words)
+        self._process = context.Process(target=_work, args=arguments, daemon=True)
+        self._process.start()
+        theirs.close()
+        return self._link
+
+    def _end(self) -> None:
+        if self._link is not None:
+            self._process.kill()
+            self._process.join()
+            self._link.close()
+            self._link = None
+
+    @property
+    def _words(self) -> Path:
+        return Path(self._folder.name) / "words.txt"
+
+    def _last_line(self) -> str:
+        lines = self._words.read_text(errors="replace").split("\n") if self._words.exists() else []
+        said = [line.strip() for line in lines if line.strip()]
+        return f": {said[-1][:LINE]}" if said else ""
+
+
+def _work(link: Connection, engine: str, task: Task, words: Path) -> None:
+    """What the process does."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends it
+    with open(words, "w") as file:
+        os.dup2(file.fileno(), 1)
+        os.dup2(file.fileno(), 2)
+    cls = engine_class(engine)
+    while True:
+        try:
+            options, resolution, limit = link.recv()
+        except EOFError:
+            return  # the parent is gone
+        try:
+            found = observe(cls, options, resolution, task, limit, lambda _: link.send(None))
+            link.send({"status": "done", "reason": "", **found})
+        except ERRORS as error:
+            reason = " ".join(str(error).split())[:LINE]
+            link.send({"status": "failed", "reason": f"{type(error).__name__}: {reason}"})
