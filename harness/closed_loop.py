@@ -12,8 +12,8 @@ that what matters is the motion.  For each scene there are
                     of accuracies
 
 `drop_tol` and the speed of rest are the same in all of them, so that the reference is the limit of
-the very motion that is simulated.  A loop's error is judged up to `common`, the time at which the
-twin or the check separates from the reference: from then on even exact QPs miss it.
+the very motion that is simulated.  A loop's error is judged up to `common`: the last impact before
+the twin or the check separates from the reference, for from then on even exact QPs miss it.
 
 Each loop runs in a process of its own, which has a time limit and may die (`isolated_loops`); a
 finished one is kept at once (`loop_store`), and the same command continues.
@@ -21,7 +21,7 @@ finished one is kept at once (`loop_store`), and the same command continues.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,7 @@ from harness.in_loop import EXACT, METHOD, SLOPPY, check_backend
 from harness.isolated_loops import run_isolated
 from harness.loop import Loop, LoopResult
 from harness.loop_store import load_loop, sole_writer
-from harness.motion_error import PoseError, match_events, pose_error
+from harness.motion_error import Motion, PoseError, match_events, pose_error
 from harness.record import Progress
 from harness.study import PAPER_SCENES, parse_label
 from problems import scene as make_scene
@@ -204,9 +204,7 @@ def findings(campaign: Campaign, results: Mapping[Loop, LoopResult | None]) -> F
         motions.append(result.motion)
     reference, check, twin = known
     errors = [pose_error(motion, motions[0]) for motion in motions[1:]]
-    common = min(
-        [reference.reached, *(e.apart for e in errors if not np.isnan(e.apart))]
-    )  # fmt: skip
+    common = _common(reference.reached, motions[0], errors)
     first = min(motions[0].first_impact, common)
     loops = {(r.loop.solver, r.loop.setting): r for r in _present(results, campaign.loops)}
     every = {_EXACT: twin, **loops}
@@ -225,6 +223,15 @@ def findings(campaign: Campaign, results: Mapping[Loop, LoopResult | None]) -> F
         rows=pd.DataFrame(rows),
         results=every,
     )
+
+
+def _common(end: float, reference: Motion, errors: Sequence[PoseError]) -> float:
+    """Until when loops are judged [s]: the last impact before the first separation, or the end."""
+    apart = min([end, *(error.apart for error in errors if not np.isnan(error.apart))])
+    if apart == end:
+        return end
+    impacts = [event.t for event in reference.events if event.kind == "impulse"]
+    return max((t for t in impacts if t < apart), default=apart)
 
 
 def _present(results: Mapping[Loop, LoopResult | None], loops: Iterable[Loop]) -> list[LoopResult]:

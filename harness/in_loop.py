@@ -16,6 +16,8 @@ the scale.  The kinds differ in the direction of δx:
     any    random, over all rows: bounds are violated and idle contacts get a force
     free   random, over the rows between their bounds only: the active set is right, as with an
            active-set method that stops its conjugate gradients early
+    inside random, over the rows at a bound only, which it moves off it: no contact is ever without
+           a force, as with an interior-point method
     more   along x*: contact forces too large, at every QP
     less   along −x*: contact forces too small, at every QP
 
@@ -38,7 +40,7 @@ from solvers.base import Unsupported
 EXACT = "1e-12"
 """The setting at which the paper's method counts as exact."""
 METHOD = "lotstedt"
-NOISES = ("any", "free", "more", "less")
+NOISES = ("any", "free", "inside", "more", "less")
 """Kinds of sloppiness."""
 SLOPPY = tuple(f"sloppy[{noise}]" for noise in NOISES)
 """Their names."""
@@ -164,8 +166,11 @@ class Sloppy:
         else:
             lengths = np.linalg.norm(qp.dense_A, axis=0)
             move = self._random.standard_normal(qp.k) / np.maximum(lengths, _TINY)
+            low, high = x <= qp.lower, x >= qp.upper
             if self.noise == "free":
-                move = np.where((x > qp.lower) & (x < qp.upper), move, 0.0)
+                move = np.where(low | high, 0.0, move)
+            elif self.noise == "inside":
+                move = np.abs(move) * np.where(low, 1.0, np.where(high, -1.0, 0.0))
         move = np.where(qp.lower < qp.upper, move, 0.0)
         size = float(np.linalg.norm(qp.A @ move))
         spent = float(np.linalg.norm(abs(qp.A) @ np.abs(move)))

@@ -19,6 +19,7 @@ from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any
 
+from harness.live_process import cause_of_death
 from harness.loop import Loop, LoopResult, run_loop
 from harness.loop_store import load_loop, loop_path, write_loop
 from harness.record import Progress
@@ -136,9 +137,7 @@ def _settle(ended: _Running, folder: Path) -> None:
     if load_loop(folder, ended.loop) is not None:
         return
     code = ended.process.exitcode
-    verdict, reason = "crashed", f"left with exit code {code}"
-    if code < 0:
-        reason = signal.Signals(-code).name
+    verdict, reason = "crashed", cause_of_death(code)
     if ended.late:
         verdict, reason = "timeout", "one QP took so long that the process was killed"
     lines: list[str] = []

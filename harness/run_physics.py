@@ -22,12 +22,16 @@ import numpy as np
 from harness.facts import facts_of
 from harness.in_loop import exact
 from problems import Run
+from problems.bodies import GROUND
 from problems.forces import Load
 from problems.qp import ContactQP, Solution, Vector
 from problems.scenes import Scene
+from problems.shapes import cross
 
 STEPPING = ("step", "iteration", "corrector")
 """Kinds of QP that end a time step."""
+PUSHES = 1e-3
+"""Part of the largest normal force of a QP below which a contact does not count as pushing."""
 MISSED_BEYOND = 10.0
 """Multiples of ε₀ beyond which an answer in the loop counts as missed."""
 
@@ -37,6 +41,7 @@ def physics_of(run: Run) -> dict[str, float]:
     return {
         "overlap": max(0.0, float(overlap(run.scene, run.q).max())),
         "active_gap": min(0.0, float(run.gaps.min(initial=0.0))),
+        "reach": reach(run),
         **signorini(run),
         **energy(run),
     }
@@ -95,6 +100,34 @@ def last_answers(run: Run) -> Iterator[tuple[ContactQP, Vector]]:
 
 def _same_event(one: ContactQP, other: ContactQP) -> bool:
     return (one.kind in STEPPING) == (other.kind in STEPPING)
+
+
+def reach(run: Run) -> float:
+    """Largest gap φ [m] of a contact that carries more than `PUSHES` of the QP's largest force."""
+    corners = [np.concatenate(body.polygons) for body in run.scene.bodies]
+    ends = [
+        np.concatenate([np.roll(polygon, -1, axis=0) for polygon in body.polygons])
+        for body in run.scene.bodies
+    ]
+    place = {float(t): i for i, t in enumerate(run.t)}
+    farthest = 0.0
+    for qp, x in last_answers(run):
+        if qp.kind not in STEPPING or qp.t not in place:
+            continue
+        q = run.q[place[qp.t]]
+        normal = qp.feature[:, 4] == 0
+        pushes = normal & (x > PUSHES * x[normal].max(initial=0.0)) & (x > 0)
+        for body, corner, other, edge, _ in qp.feature[pushes]:
+            point = _placed(corners[body][[corner]], q[[body]])[0, 0]
+            if other == GROUND:
+                plane = run.scene.ground[edge]
+                gap = (point - plane.point) @ plane.normal / np.hypot(*plane.normal)
+            else:
+                side = np.stack([corners[other][edge], ends[other][edge]])
+                start, end = _placed(side, q[[other]])[0]
+                gap = cross(point - start, end - start) / np.linalg.norm(end - start)
+            farthest = max(farthest, float(gap))
+    return farthest
 
 
 def signorini(run: Run) -> dict[str, float]:

@@ -61,6 +61,7 @@ def reference_table(found: Sequence[Findings]) -> Table:
                 "error of ε": twin,
                 "to first impact": each.twin_error.largest(each.first_impact),
                 "apart": each.twin_error.apart,
+                "check apart": each.check_error.apart,
             }
         )
     return Table(
@@ -70,13 +71,14 @@ def reference_table(found: Sequence[Findings]) -> Table:
             "exact QPs (the paper's method at 1e-12 of the scale) at ε, at the smaller ε of the "
             "check and at the ten times smaller one of the reference. check off by: its distance "
             "from the reference; the reference itself is off by a ninth of that, the error being "
-            "proportional to ε. error of ε: what exact QPs at ε leave, up to the time that loops "
-            f"are judged to, at which they or the check are more than {metres(APART)} off (apart) "
-            "or everything has come to its end."
+            "proportional to ε. error of ε: what exact QPs at ε leave. All up to the time that "
+            "loops are judged to: the end, or the last impact before exact QPs at ε (apart) or the "
+            f"check (check apart) are more than {metres(APART)} off."
         ),
         data=pd.DataFrame(rows),
         formats={
             "ε": short, "ends": seconds, "judged to": seconds, "apart": seconds,
+            "check apart": seconds,
             **dict.fromkeys(["steps at ε", "check", "reference"], whole),
             **dict.fromkeys(
                 ["check off by", "reference off by", "error of ε", "to first impact"], metres
@@ -98,20 +100,24 @@ def sloppy_table(found: Sequence[Findings]) -> Table:
             sweep += [setting for setting in errors if setting not in sweep]
             noise = name[len("sloppy[") : -1]
             limit = harmless(each, name)
-            rows.append({"scene": each.scene, "δx": noise, **errors, "harmless to": limit})
-    columns = ["scene", "δx", *sweep, "harmless to"]
+            full = 1 - each.twin.measures["rank_deficient"]
+            row = {"scene": each.scene, "rank": full, "δx": noise, **errors}
+            rows.append({**row, "harmless to": limit})
+    columns = ["scene", "rank", "δx", *sweep, "harmless to"]
     return Table(
         name="closed_loop_sloppy",
         title="Answers that are wrong by a known amount",
         reading=(
             "largest pose error up to the time judged to, where every answer is x* + δx with "
-            "‖A δx‖ that many times the ε₀ of its QP. δx is random over all rows (any), random "
-            "over those between their bounds (free), or along x* so that forces are too large "
-            "(more) or too small (less). harmless to: the largest multiple up to which the error "
-            f"stays within {times(AS_GOOD)} the error of ε."
+            "‖A δx‖ that many times the ε₀ of its QP. δx is random over all rows (any), over those "
+            "between their bounds (free) or over those at a bound, off it (inside, like an "
+            "interior-point method); or along x* so that forces are too large (more) or too small "
+            "(less). rank: share of the QPs of time steps whose λ is unique; where it is not, "
+            "‖A δx‖ does not bound δλ, and λ_N bounds friction. harmless to: the largest multiple "
+            f"up to which the error stays within {times(AS_GOOD)} the error of ε."
         ),
         data=pd.DataFrame(rows, columns=columns),
-        formats={**dict.fromkeys(sweep, metres), "harmless to": "{:g}x".format},
+        formats={**dict.fromkeys(sweep, metres), "rank": percent, "harmless to": "{:g}x".format},
     )
 
 
@@ -183,6 +189,7 @@ def physics_table(each: Findings) -> Table:
             "worst impulse": rows["impulse_ratio"],
             "missed": rows["missed"] / rows["qps"],
             "overlap": rows["overlap"],
+            "reach": rows["reach"],
             "approach": rows["approach"],
             "pull": rows["pull"],
             "pumped": rows["pumped"] / peak,
@@ -200,7 +207,8 @@ def physics_table(each: Findings) -> Table:
             "worst step, worst impulse: the largest ‖A(x − x*)‖ of an answer in multiples of what "
             "its QP needs (ε₀; 1e-10 of the momentum for an impulse). missed: share of answers "
             "beyond ten times that which the solver calls solved. overlap: the deepest of two "
-            "parts. approach [m/s], pull [N]: g_Nᵀq̇ < 0 and λ_N < 0 at the end of a step. pumped: "
+            "parts. reach: the largest gap across which a contact pushes. approach [m/s], pull "
+            "[N]: g_Nᵀq̇ < 0 and λ_N < 0 at the end of a step. pumped: "
             "work of contact forces on contacts that separate; gained: what T + V rises at steps "
             f"and impulses; all energies over the largest kinetic energy, {short(peak)} J. in "
             "QPs: share of the wall time that was spent in the solver's calls."
@@ -212,7 +220,7 @@ def physics_table(each: Findings) -> Table:
             **dict.fromkeys(["missed", "in QPs"], percent),
             **dict.fromkeys(["pumped", "gained", "energy at end"], scientific),
             "lost at impulses": short,
-            "overlap": metres,
+            **dict.fromkeys(["overlap", "reach"], metres),
         },
     )
 

@@ -12,7 +12,7 @@ import pandas as pd
 from harness.closed_loop import Findings
 from harness.in_loop import SLOPPY
 from harness.motion_error import APART, pose_error
-from reports.closed_loop_findings import allowed, backends, discretization, own_error
+from reports.closed_loop_findings import AS_GOOD, allowed, backends, discretization, own_error
 from reports.style import (
     BLUE,
     FAINT,
@@ -33,13 +33,15 @@ if TYPE_CHECKING:
 
 SETTING_LOOKS = {"paper": (BLUE, "o"), "high": (GREEN, "s"), "default": (VERMILLION, "^")}
 OTHER_LOOK = (SOFT, "D")
-NOISE_LOOKS = dict(
-    zip(SLOPPY, ((PURPLE, "-"), (ORANGE, "--"), (INK, ":"), (SKY, "-.")), strict=True)
-)
+NOISE_COLOURS = (PURPLE, ORANGE, GREEN, INK, SKY)
+NOISE_LINES = ("-", "--", (0, (6, 1)), ":", "-.")
+NOISE_LOOKS = dict(zip(SLOPPY, zip(NOISE_COLOURS, NOISE_LINES, strict=True), strict=True))
 LEAST_RATIO = 1e-8
 """Answers that are better than this, in multiples of what was asked, are drawn here."""
-LEAST_ERROR = 1e-9
-"""[m] Smaller errors are drawn here."""
+LEAST = 1e-9
+"""Smaller errors [m] and energies are drawn here."""
+NEAR = (1.0, 0.15)
+"""Decades within which two outliers share a label."""
 SHOWN_NOISE = (("0.01x", SKY), ("1x", GREEN), ("100x", ORANGE), ("1e4x", VERMILLION))
 """Sloppy loops of the kind `any` that stand out in the figure of separation."""
 
@@ -55,32 +57,37 @@ def plot_accuracy(found: Sequence[Findings], path: str | Path) -> Path:
     with drawing() as Figure:
         figure, panels = _panels(Figure, found, 3.3)
         for axes, each in zip(panels, found, strict=True):
+            own = max(own_error(each), LEAST)
+            axes.axhspan(
+                own / 10, allowed(each), color=FAINT, alpha=0.35, linewidth=0,
+                label=f"within {AS_GOOD:g} × exact QPs",
+            )  # fmt: skip
+            axes.axhline(discretization(each), color=INK, linewidth=0.8, label="exact QPs")
+            axes.axhline(own, color=SOFT, linewidth=0.8, ls=":", label="error of the reference")
             _against_accuracy(axes, each, each.rows["error"])
-            axes.axhline(discretization(each), color=INK, linewidth=0.8)
-            axes.axhline(max(own_error(each), LEAST_ERROR), color=SOFT, linewidth=0.8, ls=":")
-            axes.axhspan(1e-12, allowed(each), color=FAINT, alpha=0.35, linewidth=0)
             _label_outliers(axes, each)
+            axes.set_title(each.scene)
+            axes.set_ylim(own / 3, 3 * max(each.rows["error"].max(), allowed(each)))
             axes.set_ylabel("largest pose error [m]")
         _finish(figure, panels)
         return save(figure, Path(path))
 
 
 def plot_physics(found: Sequence[Findings], path: str | Path) -> Path:
-    """Overlap, and energy that T + V gains, against the worst answer; a row of panels each."""
+    """Overlap, reach and the work of too large forces against the worst answer, a row each."""
     with drawing() as Figure:
-        figure = Figure(figsize=(PAGE_WIDTH, 5.2), layout="constrained")
-        grid = figure.subplots(2, len(found), squeeze=False, sharex=True, sharey="row")
+        figure = Figure(figsize=(PAGE_WIDTH, 6.6), layout="constrained")
+        grid = figure.subplots(3, len(found), squeeze=False, sharex=True, sharey="row")
         for column, each in enumerate(found):
-            peak = each.reference.measures["peak_kinetic"]
-            gained = each.rows["gained_at_steps"] + each.rows["gained_at_impulses"]
-            for axes, values in zip(
-                grid[:, column], (each.rows["overlap"], gained / peak), strict=True
-            ):
+            rows, peak = each.rows, each.reference.measures["peak_kinetic"]
+            shown = (rows["overlap"], rows["reach"], rows["pumped"] / peak)
+            for axes, values in zip(grid[:, column], shown, strict=True):
                 _against_accuracy(axes, each, values)
             grid[0, column].set_title(each.scene)
         grid[0, 0].set_ylabel("deepest overlap [m]")
-        grid[1, 0].set_ylabel("energy gained / largest kinetic")
-        for axes in grid[1]:
+        grid[1, 0].set_ylabel("reach of a force [m]")
+        grid[2, 0].set_ylabel("energy pumped in")
+        for axes in grid[2]:
             axes.set_xlabel("worst answer / asked")
         _legend(figure, list(grid.ravel()))
         return save(figure, Path(path))
@@ -101,7 +108,7 @@ def plot_separation(found: Sequence[Findings], path: str | Path) -> Path:
 
 def _separation(axes: Axes, each: Findings) -> None:
     axes.set_yscale("log")
-    axes.set_ylim(LEAST_ERROR, 20)
+    axes.set_ylim(LEAST, 20)
     axes.grid(True, which="major")
     axes.axhline(APART, color=SOFT, linewidth=0.8, ls=":")
     for name in {(row.solver, row.setting) for row in backends(each).itertuples()}:
@@ -131,7 +138,7 @@ def _draw_error(axes: Axes, each: Findings, name: tuple[str, str], **look: Any) 
 
 def _draw(axes: Axes, t: np.ndarray, error: np.ndarray, **look: Any) -> None:
     """The largest error so far: what matters, and fewer wiggles."""
-    axes.plot(t, np.maximum.accumulate(np.maximum(error, LEAST_ERROR)), **look)
+    axes.plot(t, np.maximum.accumulate(np.maximum(error, LEAST)), **look)
 
 
 def _panels(Figure: Any, found: Sequence[Findings], height: float) -> tuple[Any, list[Axes]]:
@@ -163,8 +170,7 @@ def _against_accuracy(axes: Axes, each: Findings, values: pd.Series) -> None:
     axes.set_yscale("log")
     axes.grid(True, which="major")
     axes.axvline(1.0, color=SOFT, linewidth=0.8)
-    axes.set_title(each.scene)
-    rows = each.rows.assign(value=np.maximum(values.to_numpy(float), LEAST_ERROR))
+    rows = each.rows.assign(value=np.maximum(values.to_numpy(float), LEAST))
     rows["ratio"] = worst_ratio(rows)
     for solver, (colour, style) in NOISE_LOOKS.items():
         own = rows[rows["solver"] == solver].sort_values("ratio")
@@ -187,10 +193,19 @@ def _against_accuracy(axes: Axes, each: Findings, values: pd.Series) -> None:
 
 
 def _label_outliers(axes: Axes, each: Findings) -> None:
-    """Name the backends that are not as good as exact QPs."""
+    """Name the backends that are not as good as exact QPs; neighbours share a label."""
     rows = backends(each)
     bad = rows[rows["error"] > allowed(each)]
-    for x, y, name in zip(worst_ratio(bad), bad["error"], bad["solver"], strict=True):
+    places = np.log10(np.column_stack([worst_ratio(bad), bad["error"]])) if len(bad) else []
+    groups: list[tuple[np.ndarray, list[str]]] = []
+    for place, name in zip(places, bad["solver"], strict=True):
+        near = [names for at, names in groups if (np.abs(place - at) < NEAR).all()]
+        if near:
+            near[0].append(name)
+        else:
+            groups.append((place, [name]))
+    for place, names in groups:
         axes.annotate(
-            name, (x, y), xytext=(4, 2), textcoords="offset points", fontsize=6.5, color=INK
-        )
+            ", ".join(dict.fromkeys(names)), tuple(10**place), xytext=(0, 5), ha="center",
+            textcoords="offset points", fontsize=6.5, color=INK,
+        )  # fmt: skip

@@ -17,7 +17,7 @@ AS_GOOD = 2.0
 NOTABLE_ENERGY = 1e-3
 """Energy pumped in, over the largest kinetic energy, that is worth a sentence."""
 DEEPER = 10.0
-"""Times the overlap of exact QPs that is worth a sentence."""
+"""Times the overlap or the reach of exact QPs that is worth a sentence."""
 
 
 def discretization(each: Findings) -> float:
@@ -98,10 +98,13 @@ def _reference(found: Sequence[Findings]) -> list[str]:
             f"{_millimetres(twin)} up to t = {each.common:.2f}; the reference itself is off by "
             f"about {_millimetres(own)}."
         )
-        if not np.isnan(each.twin_error.apart):
+        for error, who in ((each.check_error, "its check"), (each.twin_error, "exact QPs at ε")):
+            if not np.isnan(error.apart):
+                text += f" At t = {error.apart:.2f} {who} and the reference separate."
+        if each.common < each.reference.reached:
             text += (
-                f" At t = {each.twin_error.apart:.2f} even exact QPs separate from it, so that "
-                "loops are judged up to there."
+                " Loops are judged up to the impact before: what comes after is not settled by "
+                "making ε smaller."
             )
         said.append(text)
     return said
@@ -191,13 +194,18 @@ def _physics(found: Sequence[Findings]) -> list[str]:
                 f"{each.scene}: forces too large pump energy in: {join(_named(pumped, shares))} of "
                 "the largest kinetic energy."
             )
-        deep = rows[rows["overlap"] > DEEPER * max(exact["overlap"], 1e-9)]
-        if len(deep):
-            depths = [_millimetres(value) for value in deep["overlap"]]
-            said.append(
-                f"{each.scene}: bodies overlap by more than {times(DEEPER)} what they do with "
-                f"exact QPs ({_millimetres(exact['overlap'])}): {join(_named(deep, depths))}."
-            )
+        for what, text in (
+            ("overlap", "bodies overlap by"),
+            ("reach", "contacts that have come apart go on pushing, across"),
+        ):
+            usual = max(exact[what], each.eps**2)
+            deep = rows[rows[what] > DEEPER * usual].sort_values(what, ascending=False)
+            if len(deep):
+                depths = [_millimetres(value) for value in deep[what]]
+                said.append(
+                    f"{each.scene}: {text} more than {times(DEEPER)} what they do with exact QPs "
+                    f"({_millimetres(usual)}): {join(_named(deep, depths))}."
+                )
         approach = rows.loc[rows["approach"].idxmax()]
         if approach["approach"] > 0.1 * each.eps:
             said.append(

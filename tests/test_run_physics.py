@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from harness.in_loop import InLoop
-from harness.run_physics import accuracy_of_answers, energy, overlap, physics_of, signorini
-from problems import Run, simulate
+from harness.run_physics import accuracy_of_answers, energy, overlap, physics_of, reach, signorini
+from problems import Run, scene, simulate
 from problems.bodies import box
 from problems.contacts import HalfPlane
 from problems.forces import Load
@@ -95,6 +97,26 @@ def test_forces_too_small_approach_and_forces_too_large_pump() -> None:
     # all that the box has gained was pumped in
     assert lifted["gained_at_steps"] == pytest.approx(more["pumped"], rel=0.5)
     assert sloppy_run("less", "1000x").gaps.min() < -1e-5
+
+
+def test_a_contact_that_is_never_without_force_pushes_from_afar() -> None:
+    """Boxes of fig2 part at 0.39 s; where no multiplier is ever 0 that contact is kept."""
+    exact, inside = (
+        reach(simulate(scene("fig2"), InLoop(*solver), until=0.8))
+        for solver in (("lotstedt", "paper"), ("sloppy[inside]", "1e-4x"))
+    )
+    assert 0 < exact < 1e-3
+    assert inside > 10 * exact
+
+
+def test_reach_is_the_distance_of_the_corner_from_its_edge() -> None:
+    run = simulate(one_box(y=0.5, end_time=0.1), make_solver("lotstedt"))
+    assert reach(run) == pytest.approx(0.0, abs=1e-15)
+    lifted = replace(run, q=run.q + np.array([0.3, 0.2, 0.0]))
+    assert reach(lifted) == pytest.approx(0.2)
+    stack = replace(scene_run("fig5"), q=scene_run("fig5").q * 1.0)
+    stack.q[:, 2, 1] += 0.1  # the box that lies on the two others
+    assert reach(stack) > 0.09
 
 
 def test_the_accuracy_of_the_answers_is_measured() -> None:
