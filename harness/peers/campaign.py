@@ -126,18 +126,23 @@ def _outcome(
     kept = _kept(path, limit)
     if kept is not None:
         return kept
-    coarser = [
-        o for r, o in done if (r.task, r.engine, r.setting) == (run.task, run.engine, run.setting)
-    ]
-    if coarser and coarser[-1]["status"] in ("timeout", "skipped"):
-        outcome = {"status": "skipped", "reason": "a coarser step took too long"}
+    if _coarser_was_too_slow(run, done):
+        outcome: Outcome = {"status": "skipped", "reason": "a coarser step took too long"}
     else:
         cls = engine_class(run.engine)
         options = {**cls.settings, **(cls.resting or {})}[run.setting]
         outcome = worker.run(dict(options), run.resolution, limit)
-    outcome["limit"] = limit
+    outcome = {**outcome, "limit": limit}
     write_whole(path, json.dumps({**asdict(run), **outcome}, indent=1).encode())
     return outcome
+
+
+def _coarser_was_too_slow(run: Run, done: list[tuple[Run, Outcome]]) -> bool:
+    if not done:
+        return False
+    before, outcome = done[-1]
+    same = (before.task, before.engine, before.setting) == (run.task, run.engine, run.setting)
+    return same and outcome["status"] in ("timeout", "skipped")
 
 
 def _kept(path: Path, limit: float) -> Outcome | None:

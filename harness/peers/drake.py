@@ -58,10 +58,9 @@ class Drake(Stepped):
         super().__init__(h)
         self.corner = corner
         self.properties = contact_properties(one_friction(scene), stiffness, modulus)
+        model = "hydroelastic" if modulus else "point"
         config = MultibodyPlantConfig(
-            time_step=h,
-            contact_model="hydroelastic" if modulus else "point",
-            discrete_contact_approximation=scheme,
+            time_step=h, contact_model=model, discrete_contact_approximation=scheme
         )
         builder = DiagramBuilder()
         self.plant, graph = AddMultibodyPlant(config, builder)
@@ -111,9 +110,7 @@ class Drake(Stepped):
         return q.copy(), self.plant.GetVelocities(self.context).reshape(-1, 3).copy()
 
 
-def contact_properties(
-    mu: float, stiffness: float | None, modulus: float
-) -> geometry.ProximityProperties:
+def contact_properties(mu: float, stiffness: float | None, modulus: float) -> Any:
     """Of every geometry; the friction of a pair is the harmonic mean."""
     properties = geometry.ProximityProperties()
     if modulus:
