@@ -137,19 +137,28 @@ class EventMatch(NamedTuple):
 def match_events(
     events: Sequence[Event], reference: Sequence[Event], until: float = np.inf
 ) -> EventMatch:
-    """Match the restarting events up to `until` [s] (module, "Events")."""
-    ours = [event for event in events if event.kind in MATCHED_KINDS and event.t <= until]
-    theirs = [event for event in reference if event.kind in MATCHED_KINDS and event.t <= until]
+    """Match the restarting events (module, "Events").
+
+    until : [s] only what happens up to there counts, for a pair in the reference
+    """
+    ours = [event for event in events if event.kind in MATCHED_KINDS]
+    theirs = [event for event in reference if event.kind in MATCHED_KINDS]
     pairs = _best_pairs(ours, theirs)
-    alone = {event.t for i, event in enumerate(ours) if i not in {a for a, _ in pairs}}
-    alone |= {event.t for j, event in enumerate(theirs) if j not in {b for _, b in pairs}}
+    extra = _without(ours, {i for i, _ in pairs}, until)
+    missing = _without(theirs, {j for _, j in pairs}, until)
+    apart = [abs(ours[i].t - theirs[j].t) for i, j in pairs if theirs[j].t <= until]
     return EventMatch(
-        matched=len(pairs),
-        missing=len(theirs) - len(pairs),
-        extra=len(ours) - len(pairs),
-        largest=max((abs(ours[i].t - theirs[j].t) for i, j in pairs), default=0.0),
-        mismatch=min(alone, default=float("nan")),
+        matched=len(apart),
+        missing=len(missing),
+        extra=len(extra),
+        largest=max(apart, default=0.0),
+        mismatch=min([*missing, *extra], default=float("nan")),
     )
+
+
+def _without(events: Sequence[Event], paired: set[int], until: float) -> list[float]:
+    """Times of the events that have no partner."""
+    return [e.t for i, e in enumerate(events) if i not in paired and e.t <= until]
 
 
 def _best_pairs(ours: Sequence[Event], theirs: Sequence[Event]) -> list[tuple[int, int]]:

@@ -106,4 +106,10 @@ def test_events_of_other_kinds_or_times_do_not_match() -> None:
     assert match_events(late, events((0.1, "impulse")))[:3] == (0, 1, 1)
     bookkeeping = events((0.1, "drop"), (0.1, "hand_over"), (0.2, "rest"), (0.1, "stick_to_slip"))
     assert match_events(bookkeeping, [])[:3] == (0, 0, 0)
+
+
+def test_what_happens_later_does_not_count_but_for_the_partner_of_what_is_in_time() -> None:
     assert match_events(events((0.9, "impulse")), [], until=0.5)[:3] == (0, 0, 0)
+    late, reference = events((0.501, "impulse")), events((0.5, "impulse"), (0.7, "impulse"))
+    assert match_events(late, reference, until=0.5)[:3] == (1, 0, 0)
+    assert match_events(reference, late, until=0.5)[:3] == (0, 0, 0)
