@@ -17,6 +17,7 @@ from harness.threads import ask_for_one_thread
 from harness.cli import listing  # noqa: F401
 from harness.cli import simulation  # noqa: F401
 from harness.cli import replays  # noqa: F401
+from harness.cli import stretching  # noqa: F401
 from harness.cli import campaigns  # noqa: F401
 from harness.cli import loops  # noqa: F401
 from harness.cli import studies  # noqa: F401
