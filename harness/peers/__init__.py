@@ -1,12 +1,13 @@
 """Other physics engines on this project's scenes: which there are, by name.
 
 An engine is one line of `ENGINES` and one file with a class derived from `harness.peers.base.Peer`.
-Nothing is imported until it is asked for; an absent package is told with its remedy.
+One from elsewhere is named by its `module:Class`.  Nothing is imported until it is asked for; an absent package is told with its remedy.
 """
 
 from __future__ import annotations
 
 import importlib
+import sys
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -45,8 +46,8 @@ def engine_class(name: str) -> type[Peer]:
 
     Raises ValueError for an unknown name and ImportError where its package is absent.
     """
-    target = ENGINES.get(name)
-    if target is None:
+    target = ENGINES.get(name, name)
+    if ":" not in target:
         raise ValueError(f"unknown engine {name!r}; there are: {', '.join(ENGINES)}")
     module, _, attribute = target.partition(":")
     found: type[Peer] = getattr(importlib.import_module(module), attribute)
@@ -75,6 +76,7 @@ def engine_version(name: str) -> str:
 def _source(name: str) -> str:
     folder = Path(__file__).parent
     classes = engine_class(name).__mro__[:-1]
-    modules = {cls.__module__.rpartition(".")[2] for cls in classes if "peers" in cls.__module__}
-    files = [folder / f"{module}.py" for module in modules]
-    return f"source {source_hash([*files, folder / 'observe.py'])}"
+    files = {
+        str(sys.modules[cls.__module__].__file__) for cls in classes if cls.__module__ != "abc"
+    }
+    return f"source {source_hash([*map(Path, files), folder / 'observe.py'])}"

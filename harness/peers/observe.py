@@ -16,6 +16,8 @@ from problems.qp import Vector
 
 REPEATS = 3
 """Passes of each run; the least CPU time counts."""
+ENOUGH = 5.0
+"""CPU time of passes beyond which they are not repeated [s]."""
 
 
 def observe(
@@ -23,13 +25,11 @@ def observe(
     options: dict[str, Any],
     resolution: float,
     task: Task,
-    limit: float,
-    passed: Callable[[float], None],
+    passed: Callable[[], None],
 ) -> dict[str, Any]:
     """Run one engine on one task and measure.
 
-    limit : CPU time [s] that all passes together may take before they are not repeated
-    passed : told the CPU time of each pass as it ends
+    passed : called as each pass ends
 
     Returns cpu [s], steps, repeats, and what belongs to the task:
         motion  q, the positions at the task's times;  energy_error, relative, the largest
@@ -41,9 +41,9 @@ def observe(
     """
     scene = task.start()
     passes: list[Motion] = []
-    while len(passes) < REPEATS and sum(motion.cpu for motion in passes) <= limit:
+    while len(passes) < REPEATS and sum(motion.cpu for motion in passes) <= ENOUGH:
         passes.append(cls(scene, resolution, **options).run(task.times))
-        passed(passes[-1].cpu)
+        passed()
     motion = passes[-1]
     if not (np.isfinite(motion.q).all() and np.isfinite(motion.v).all()):
         raise FloatingPointError("positions or velocities are not finite numbers")

@@ -51,7 +51,7 @@ class Worker:
         """
         link = self._link or self._start()
         try:
-            link.send((options, resolution, limit))
+            link.send((options, resolution))
             while link.poll(STARTING + limit):
                 outcome: dict[str, Any] | None = link.recv()
                 if outcome is not None:
@@ -99,11 +99,11 @@ def _work(link: Connection, engine: str, task: Task, words: Path) -> None:
     cls = engine_class(engine)
     while True:
         try:
-            options, resolution, limit = link.recv()
+            options, resolution = link.recv()
         except EOFError:
             return  # the parent is gone
         try:
-            found = observe(cls, options, resolution, task, limit, lambda _: link.send(None))
+            found = observe(cls, options, resolution, task, lambda: link.send(None))
             link.send({"status": "done", "reason": "", **found})
         except ERRORS as error:
             reason = " ".join(str(error).split())[:LINE]
