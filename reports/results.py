@@ -8,6 +8,9 @@ still a page.  What is missing is said in `Results.missing`, never passed over.
 2. Check that the rows have the columns that the tables need, that no (solver, settings, arm, QP)
    occurs twice, that one scene has one recording, and that it is the one that is stored.
 3. Add what every table needs: `verified`, `skipped`, `asked_ratio` = error / accuracy asked.
+4. Set the rows of campaigns apart: other arms than cold and warm, accuracies given as numbers,
+   packages posed in a form of choice.  `Results.rows` is the study without them; the sections on
+   starts, accuracy against time, and forms read `Results.everything`.
 """
 
 from __future__ import annotations
@@ -24,6 +27,9 @@ SETTINGS = ("paper", "high", "default")
 """Accuracies asked, the one that headlines are drawn from first."""
 
 ARMS = ("cold", "warm")
+
+FORMS = ("normal", "residual", "velocity")
+"""Forms in which a package is posed the QP, in campaigns as `name[form]`."""
 
 METHOD = "lotstedt"
 """The paper's method; its variants are called `lotstedt[variant]`."""
@@ -69,14 +75,22 @@ KEY = ["solver", "settings", "arm", "problem"]
 class Results:
     """Rows and recordings of one study.
 
-    rows : one row per solve, with the columns of the store and those added by `prepare`
+    rows : one row per solve, with the columns of the store and those added by `prepare`, but for
+        those of campaigns
     recordings : label → recording, in the order of the labels
     missing : sentences on what the folder does not hold
+    campaigns : the rows that are set apart
     """
 
     rows: pd.DataFrame
     recordings: Mapping[str, Any] = field(default_factory=dict)
     missing: tuple[str, ...] = ()
+    campaigns: pd.DataFrame | None = None
+
+    @property
+    def everything(self) -> pd.DataFrame:
+        """The rows with those of campaigns."""
+        return self.rows if self.campaigns is None else pd.concat([self.rows, self.campaigns])
 
     @property
     def scenes(self) -> list[str]:
@@ -100,9 +114,44 @@ class Results:
 
 
 def in_order(names: Any, order: tuple[str, ...]) -> list[str]:
-    """`names` in the given order, unknown ones last and alphabetical."""
+    """`names` in the given order, then numbers, the least first, then others by the alphabet."""
     present = {str(name) for name in names}
-    return [name for name in order if name in present] + sorted(present - set(order))
+    rest = present - set(order)
+    numbers = sorted((name for name in rest if is_number(name)), key=float)
+    return [name for name in order if name in present] + numbers + sorted(rest - set(numbers))
+
+
+def is_number(setting: str) -> bool:
+    """Whether a setting is an accuracy given as a number, such as 1e-6."""
+    try:
+        float(setting)
+    except ValueError:
+        return False
+    return True
+
+
+def form_of(solver: str) -> str | None:
+    """The form of choice that a package is posed, or None: `clarabel[residual]` → residual."""
+    form = solver.partition("[")[2].rstrip("]")
+    return form if form in FORMS else None
+
+
+def set_apart(rows: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Rows of the study, and those of campaigns.
+
+    Where all rows are of a campaign in one respect, that is the study: a folder that holds nothing
+    but accuracies given as numbers is reported with these.
+    """
+    apart = [
+        ~rows["arm"].isin(ARMS),
+        rows["settings"].map(is_number).astype(bool),
+        rows["solver"].map(form_of).notna(),
+    ]
+    aside = pd.Series(False, index=rows.index)
+    for of_campaign in apart:
+        if not of_campaign.all():
+            aside |= of_campaign
+    return rows[~aside].reset_index(drop=True), rows[aside].reset_index(drop=True)
 
 
 def solver_order(name: str) -> tuple[bool, str]:
@@ -181,7 +230,7 @@ def load_results(folder: str | Path) -> Results:
         if recording.scene in recordings:
             raise ValueError(f"{folder} holds two recordings of {recording.scene}; keep one")
         recordings[recording.scene] = recording
-    rows = prepare(read_results(folder)) if solved else empty_rows()
+    rows, campaigns = set_apart(prepare(read_results(folder)) if solved else empty_rows())
     for scene, digest in rows.groupby("scene")["recording_digest"].first().items():
         if scene in recordings and recordings[scene].digest != digest:
             raise ValueError(
@@ -189,7 +238,7 @@ def load_results(folder: str | Path) -> Results:
                 f"{digest[:12]}…) than recordings/{scene}.h5 ({recordings[scene].digest[:12]}…); "
                 "a report must not mix them: replay into an empty folder"
             )
-    return Results(rows, recordings, tuple(_missing(rows, recordings)))
+    return Results(rows, recordings, tuple(_missing(rows, recordings)), campaigns)
 
 
 def _missing(rows: pd.DataFrame, recordings: Mapping[str, Any]) -> list[str]:
