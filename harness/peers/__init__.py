@@ -1,7 +1,8 @@
 """Other physics engines on this project's scenes: which there are, by name.
 
 An engine is one line of `ENGINES` and one file with a class derived from `harness.peers.base.Peer`.
-One from elsewhere is named by its `module:Class`.  Nothing is imported until it is asked for; an absent package is told with its remedy.
+One from elsewhere is named by its `module:Class`.  Nothing is imported until it is asked for; an
+absent package is told with its remedy.
 """
 
 from __future__ import annotations
