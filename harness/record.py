@@ -49,6 +49,11 @@ def record(
     return recording_of(run, solver.name, until=end, progress=progress)
 
 
+def recording_label(scene: Any, friction: str) -> str:
+    """The label of a recording, by which it and its results are filed."""
+    return scene.label + ("" if friction == "corrected" else f",friction={friction}")
+
+
 def recording_of(
     run: Any,
     solver_name: str,
@@ -67,11 +72,10 @@ def recording_of(
         references.append(reference(qp, start=solution.x))
     if progress is not None:
         progress("reference", len(run.qps), len(run.qps))
-    rule = run.options["friction"]
     scene, version = run.scene, solver_version(solver_name)
     how = {"solver": solver_name, "until": until, **run.options}
     return Recording(
-        scene=scene.label + ("" if rule == "corrected" else f",friction={rule}"),
+        scene=recording_label(scene, run.options["friction"]),
         parameters={
             **scene.parameters,
             **{f"run.{name}": value for name, value in how.items() if value is not None},

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -218,6 +219,22 @@ def test_bad_recordings_are_told_in_one_line(tmp_path: Path) -> None:
     assert_told(glambda("info", path), "seal")
 
 
+def test_another_recording_is_not_replaced_unless_told_so(tmp_path: Path) -> None:
+    record = ("record", "tower,bodies=3", "-o", tmp_path)
+    path = tmp_path / "tower,bodies=3.h5"
+    assert glambda(*record, "--until", 0.05).exit_code == 0
+    whole = path.read_bytes()
+    assert_told(glambda(*record, "--until", 0.06), "run.until 0.05, now 0.06; give --overwrite")
+    assert_told(glambda(*record), "run.until 0.05, now")
+    write_recording(path, replace(read_recording(path), gravity=1.0))  # by other code
+    assert_told(glambda(*record, "--until", 0.05), "with digest")
+    assert glambda(*record, "--until", 0.05, "--overwrite").exit_code == 0
+    assert path.read_bytes() == whole
+    path.write_bytes(whole[:1000])  # damaged, so that the remedy is to record it again
+    assert glambda(*record, "--until", 0.05).exit_code == 0
+    assert path.read_bytes() == whole
+
+
 def test_a_debug_flag_shows_the_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GLAMBDA_DEBUG", "1")
     assert isinstance(glambda("simulate", "fig9").exception, ValueError)
@@ -338,10 +355,9 @@ def test_study_will_not_mix_two_recordings_of_a_scene(
     assert_told(glambda("study", "--quick", "--results", tmp_path), "another recording")
 
 
-def test_interrupted_study_keeps_what_is_finished(tmp_path: Path) -> None:
-    """Ctrl-C, as a terminal sends it, in the middle of a study."""
-    import signal
-
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_study_keeps_what_is_finished(tmp_path: Path, sent: signal.Signals) -> None:
+    """Ctrl-C, as a terminal sends it, or the end of a batch job, in the middle of a study."""
     code = (
         "import sys, dataclasses, harness.study as s\n"
         "s.QUICK = dataclasses.replace(s.QUICK, scenes=('fig3',), until=3.0, repeats=400)\n"
@@ -363,7 +379,7 @@ def test_interrupted_study_keeps_what_is_finished(tmp_path: Path) -> None:
             assert run.poll() is None, run.communicate()
             assert time.monotonic() < deadline
             time.sleep(0.05)
-        run.send_signal(signal.SIGINT)
+        run.send_signal(sent)
         _, errors = run.communicate(timeout=60)
     finally:
         run.kill()

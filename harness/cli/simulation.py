@@ -101,12 +101,16 @@ def record(
     friction: Friction = "corrected",
     impulses: Impulses = "paper",
     drop_tol: DropTol = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="also where another recording of the scene is")
+    ] = False,
     output: Annotated[Path, typer.Option("-o", "--output", help="folder")] = Path("recordings"),
 ) -> None:
     """Simulate scenes by the paper's method and keep every QP, with a reference answer.
 
     One HDF5 file each, named by the scene and what differs from its defaults; the same command
-    makes the same bytes.
+    makes the same bytes. A recording of the scene with other QPs (another --until or --eps, other
+    code) is not replaced unless told so.
 
     Example:  glambda record fig4 --set mu_I=0.8 -o recordings
     """
@@ -117,7 +121,7 @@ def record(
         "impulses": impulses,
         "drop_tol": drop_tol,
     }
-    for made, path in recorded(scene, settings, options, output):
+    for made, path in recorded(scene, settings, options, output, overwrite):
         typer.echo(f"{path}: {len(made.qps)} QPs, digest {made.digest[:12]}…")
 
 
@@ -126,9 +130,11 @@ def recorded(
     settings: list[str] | None,
     options: dict[str, Any],
     folder: Path,
+    overwrite: bool = False,
 ) -> list[tuple[Recording, Path]]:
     from harness.progress import shown
     from harness.record import record as record_scene
+    from harness.record import recording_label
     from harness.recording import write_recording
     from harness.study import PAPER_SCENES, parse_label, parse_settings
     from problems import scene as make_scene
@@ -136,11 +142,41 @@ def recorded(
     named = [parse_label(label) for label in labels or PAPER_SCENES]
     extra = parse_settings(settings or [])
     made = [make_scene(name, **{**parameters, **extra}) for name, parameters in named]
+    paths = [
+        folder / f"{recording_label(each, options.get('friction', 'corrected'))}.h5"
+        for each in made
+    ]
+    kept = [None if overwrite else _kept(path) for path in paths]
+    for each, path, before in zip(made, paths, kept, strict=True):
+        if before is not None:
+            how = {"until": each.end_time} | {n: v for n, v in options.items() if v is not None}
+            asked = {**each.parameters, **{f"run.{name}": value for name, value in how.items()}}
+            for name, value in asked.items():
+                if before.parameters.get(name) != value:
+                    raise _taken(path, name, before.parameters.get(name), value)
     done = []
-    for each in made:
+    for each, path, before in zip(made, paths, kept, strict=True):
         with shown(f"record {each.label}", terminal(err=True)) as tell:
             recording = record_scene(each, **options, progress=tell)
-        path = folder / f"{recording.scene}.h5"
+        if before is not None and before.digest != recording.digest:
+            raise _taken(path, "digest", before.digest[:12], recording.digest[:12])
         write_recording(path, recording)
         done.append((recording, path))
     return done
+
+
+def _kept(path: Path) -> Recording | None:
+    """The recording that is there already; None for a damaged one, whose remedy is a new one."""
+    from harness.recording import RecordingError, read_recording
+
+    try:
+        return read_recording(path)
+    except RecordingError:
+        return None
+
+
+def _taken(path: Path, name: str, before: object, now: object) -> ValueError:
+    return ValueError(
+        f"{path}: holds another recording of this scene, with {name} {before}, now {now}; "
+        "give --overwrite to replace it, or another folder by -o"
+    )
