@@ -21,7 +21,7 @@ from solvers.active_set.flops import cg_iteration_flops, qr_flops
 from solvers.active_set.method import CROSSOVER
 from solvers.active_set.sparse_cholesky import cholesky
 from solvers.active_set.sparse_loop import FIRST_SHIFT, iteration_flops, lay_out
-from solvers.active_set.sparse_pattern import Pattern
+from solvers.active_set.sparse_pattern import Pattern, is_narrow
 from solvers.active_set.sparse_workspace import IN_L, SparseWorkspace, make_sparse_workspace
 from solvers.active_set.workspace import FACTORIZATION_FLOPS, REALS
 
@@ -41,7 +41,7 @@ class UnitCosts(NamedTuple):
 
 def goes_sparse(qp: ContactQP) -> bool:
     """Whether the method takes its sparse path."""
-    return qp.k > CROSSOVER and not isinstance(qp.A, np.ndarray)
+    return qp.k > CROSSOVER and not isinstance(qp.A, np.ndarray) and is_narrow(qp.A)
 
 
 def dense_costs(m: int, f: int) -> UnitCosts:

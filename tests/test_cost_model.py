@@ -88,7 +88,7 @@ def test_sparse_costs_are_those_that_the_solver_counts() -> None:
     links = sequence(tower_recording())
     assert len(links) > 5 and all(goes_sparse(link.qp) for link in links)
     always, third = drive(links, fixed(1)), drive(links, fixed(3))
-    entries = np.array([make_pattern(link.qp.A).Li.size for link in links])
+    entries = np.array([make_pattern(link.qp.A).entries for link in links])
     # without changes of F all that differs are factorizations, each with its estimate, and CG
     assert (always["working_set_changes"] == 0).all() and always["sparse"].all()
     more_qr = always["qr_factorizations"] - third["qr_factorizations"]

@@ -58,7 +58,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from problems.qp import ContactQP, Status, WorkCounts
+from problems.qp import ContactQP, Solution, Status, WorkCounts
 from solvers.active_set.compiled import entry
 from solvers.active_set.loop import (
     CUSTOM,
@@ -75,7 +75,7 @@ from solvers.active_set.loop import (
     algorithm_2,
 )
 from solvers.active_set.sparse_loop import sparse_algorithm_2
-from solvers.active_set.sparse_pattern import make_pattern
+from solvers.active_set.sparse_pattern import is_narrow, make_pattern
 from solvers.active_set.sparse_workspace import SparseWorkspace, make_sparse_workspace
 from solvers.active_set.workspace import (
     AGE,
@@ -156,13 +156,18 @@ def dense_room(m: int, k: int, start: Start) -> Workspace:
     return make_workspace(m, k, room)
 
 
-def sparse_room(A: sp.csc_array, start: Start | None) -> tuple[SparseWorkspace, bool]:
-    """A workspace of the pattern of A with what `start` remembers; whether it holds its L too."""
+def sparse_room(A: sp.csc_array, start: Start | None) -> tuple[SparseWorkspace, bool] | None:
+    """A workspace of the pattern of A with what `start` remembers; whether it holds its L too.
+
+    None where a column of A touches more than two bodies.
+    """
     before = None if start is None else start.memory
     if not isinstance(before, SparseWorkspace):
         before = None
     elif before.pattern.fits(A):
         return before, True
+    if not is_narrow(A):
+        return None
     old_k = 0 if start is None else start.x.size
     room = make_sparse_workspace(max(A.shape[0], old_k), make_pattern(A), before)
     if before is None:
@@ -227,6 +232,14 @@ class Lotstedt(Solver):
         object.__setattr__(self, "_small", small if self.variant else small | SETTLED)
         object.__setattr__(self, "_crossover", crossover)
 
+    def adopt(self, memory: Any, start: Solution) -> Any:
+        """The room of the last solve, if that was not sparse, with x and F of `start` and no R."""
+        if not isinstance(memory, Workspace) or start.x is None:
+            return None
+        room = make_workspace(0, start.x.size, memory)
+        remember(room, Start(start.x, start.working_set, start.row_id, False, None))
+        return room
+
     def build(self, qp: ContactQP, start: Start | None) -> ContactQP:
         """Nothing: A and d are the method's own form."""
         return qp
@@ -235,7 +248,9 @@ class Lotstedt(Solver):
         """Find room; everything else is part of `run`.  Returns the arguments of the kernel."""
         A, k = problem.A, problem.lower.size
         if k > CROSSOVER and type(A) is not np.ndarray:
-            return self._setup_sparse(problem, asked, start)
+            sparse = sparse_room(A, start)
+            if sparse is not None:
+                return self._setup_sparse(problem, asked, start, *sparse)
         mode: int = self._mode  # type: ignore[attr-defined]
         if k <= self._crossover or problem.kind in EXACT_KINDS:  # type: ignore[attr-defined]
             mode = self._small  # type: ignore[attr-defined]
@@ -261,10 +276,14 @@ class Lotstedt(Solver):
         )
 
     def _setup_sparse(
-        self, problem: ContactQP, asked: float | None, start: Start | None
+        self,
+        problem: ContactQP,
+        asked: float | None,
+        start: Start | None,
+        room: SparseWorkspace,
+        kept: bool,
     ) -> SparseCall:
         mode: int = self._sparse  # type: ignore[attr-defined]
-        room, kept = sparse_room(problem.A, start)
         if mode & (CUSTOM | EXTRAPOLATED):
             self._hand_over_options(room, problem.t)
         return SparseCall(

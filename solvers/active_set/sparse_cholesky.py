@@ -1,10 +1,15 @@
 """Compiled kernels for L with L Lᵀ = B_Fᵀ B_F, the sparse counterpart of `factorization`.
 
-L is Rᵀ of B_F = Q R.  It is computed by columns, each from its left (George and Liu 1981), without
-pivoting.  The condition of B_F is squared on the way, so that a solve with L alone is not accurate;
-it is the preconditioner of conjugate gradients on the least-squares problem, which lose no digits
-(`sparse_loop`).  Where columns depend on each other, L Lᵀ = B_Fᵀ B_F + shift · 1 is there instead.
-The places of columns that are not in L hold those of the unit matrix.
+L is Rᵀ of B_F = Q R.  It is computed by fronts, each from those left of it (Ng and Peyton 1993),
+without pivoting.  The condition of B_F is squared on the way, so that a solve with L alone is not
+accurate; it is the preconditioner of conjugate gradients on the least-squares problem, which lose
+no digits (`sparse_loop`).  Where columns depend on each other, L Lᵀ = B_Fᵀ B_F + shift · 1 is there
+instead.  The places of columns that are not in L hold those of the unit matrix.
+
+A column is taken out of L, or into it, along its path to the root (Davis and Hager 2005).
+
+Lx holds a block for each front, (columns, rows), with reciprocals on the diagonal.  Row SPREAD of
+S, and row CHANGED, are 0 between calls.
 """
 
 from __future__ import annotations
@@ -12,11 +17,61 @@ from __future__ import annotations
 from math import sqrt
 
 from solvers.active_set.compiled import kernel
-from solvers.active_set.sparse_workspace import BEGUN, IN_L, LINK, NEXT, PLACE, WORK
+from solvers.active_set.sparse_pattern import SLOTS
+from solvers.active_set.sparse_workspace import CHANGED, IN_L, PLACE, SPREAD, WORK
 from solvers.active_set.workspace import V, Y
 
 DEPENDENT = 1e-11
 """Squared distance of a unit column from the span of others that cannot be told from rounding."""
+
+
+@kernel
+def dot(Bi, Bx, c, x):
+    """b_cᵀ x."""
+    total = 0.0
+    for b in range(SLOTS):
+        total += Bx[c, b] * x[Bi[c, b]]
+    return total
+
+
+@kernel
+def add(Bi, Bx, c, value, x):
+    """x := x + value b_c."""
+    for b in range(SLOTS):
+        x[Bi[c, b]] += value * Bx[c, b]
+
+
+@kernel
+def spread(Bi, Bx, c, x):
+    """x := b_c at its rows; returns ‖b_c‖²."""
+    total = 0.0
+    for b in range(SLOTS):
+        value = Bx[c, b]
+        x[Bi[c, b]] = value
+        total += value * value
+    return total
+
+
+@kernel
+def clear(Bi, c, x):
+    """x := 0 at the rows of b_c."""
+    for b in range(SLOTS):
+        x[Bi[c, b]] = 0.0
+
+
+@kernel
+def add_four(Lx, one, size, row, end, target, begin, sign):
+    """target[begin + i] += sign · Σ L_row L_i over four columns of L, i = row … end − 1.
+
+    one : where the first of them begins;  size : of each
+    """
+    two, three, four = one + size, one + 2 * size, one + 3 * size
+    x1, x2 = sign * Lx[one + row], sign * Lx[two + row]
+    x3, x4 = sign * Lx[three + row], sign * Lx[four + row]
+    for i in range(row, end):
+        target[begin + i] += (x1 * Lx[one + i] + x2 * Lx[two + i]) + (
+            x3 * Lx[three + i] + x4 * Lx[four + i]
+        )
 
 
 @kernel
@@ -25,123 +80,290 @@ def cholesky(pattern, Bx, S, I, Lx, shift):
 
     Returns the flops; as a negative number, −1 − flops, when a column was found dependent.
     """
-    k = pattern.order.size
-    Bp, Bi, Rp, Rc, Rx = pattern.Bp, pattern.Bi, pattern.Rp, pattern.Rc, pattern.Rx
-    Lp, Li = pattern.Lp, pattern.Li
-    inside, work, head, following = I[IN_L], S[WORK], I[LINK], I[NEXT]
-    head[:k] = -1  # first of the columns whose next entry to be used is in this row
-    place = I[PLACE]  # of that entry in L
-    begun = I[BEGUN]  # first entry of each row of B that is not left of c
-    for i in range(Rp.size - 1):
-        begun[i] = Rp[i]
+    first, Rp, Ri, Lp = pattern.first, pattern.Rp, pattern.Ri, pattern.Lp
+    Bi, Gp, Gi, Gx = pattern.Bi, pattern.Gp, pattern.Gi, pattern.Gx
+    Up, Ut, Ua, Ub = pattern.Up, pattern.Ut, pattern.Ua, pattern.Ub
+    inside, full, place, work = I[IN_L], S[SPREAD], I[PLACE], S[WORK]
     flops = 0
-    for c in range(k):
-        first, end = Lp[c], Lp[c + 1]
-        if not inside[c]:
-            for b in range(Bp[c], Bp[c + 1]):
-                begun[Bi[b]] += 1
-            for l in range(first, end):
-                Lx[l] = 0.0
-            Lx[first] = 1.0
-            column = head[c]
-            while column >= 0:  # rows that are left out stay 0
-                later = following[column]
-                place[column] += 1
-                if place[column] < Lp[column + 1]:
-                    row = Li[place[column]]
-                    following[column] = head[row]
-                    head[row] = column
-                column = later
-            continue
-        for l in range(first, end):
-            work[Li[l]] = 0.0
-        for b in range(Bp[c], Bp[c + 1]):
-            i, value = Bi[b], Bx[b]
-            for r in range(begun[i], Rp[i + 1]):
-                work[Rc[r]] += value * Bx[Rx[r]]
-            flops += 2 * (Rp[i + 1] - begun[i])
-            begun[i] += 1
-        column = head[c]
-        while column >= 0:
-            later = following[column]
-            l0, l1 = place[column], Lp[column + 1]
-            factor = Lx[l0]
-            if factor != 0.0:
-                for l in range(l0, l1):
-                    work[Li[l]] -= factor * Lx[l]
-                flops += 2 * (l1 - l0)
-            place[column] = l0 + 1
-            if l0 + 1 < l1:
-                row = Li[l0 + 1]
-                following[column] = head[row]
-                head[row] = column
-            column = later
-        pivot = work[c] + shift
-        if pivot <= DEPENDENT:
-            return -1 - flops
-        inverse = 1.0 / sqrt(pivot)
-        Lx[first] = pivot * inverse
-        for l in range(first + 1, end):
-            row = Li[l]
-            Lx[l] = work[row] * inverse if inside[row] else 0.0
-        flops += end - first
-        if end > first + 1:
-            place[c] = first + 1
-            row = Li[first + 1]
-            following[c] = head[row]
-            head[row] = c
+    for s in range(first.size - 1):
+        c0, width, height = first[s], first[s + 1] - first[s], Rp[s + 1] - Rp[s]
+        begin, rows = Lp[s], Rp[s]
+        for l in range(begin, Lp[s + 1]):
+            Lx[l] = 0.0
+        for c in range(c0, c0 + width):
+            if inside[c]:
+                diagonal = begin + (c - c0) * (height + 1)
+                Lx[diagonal] = spread(Bi, Bx, c, full) + shift
+                for g in range(Gp[c], Gp[c + 1]):
+                    if inside[Gi[g]]:
+                        Lx[Gx[g]] = dot(Bi, Bx, Gi[g], full)
+                clear(Bi, c, full)
+                flops += 12 * (Gp[c + 1] - Gp[c] + 1)
+        if Up[s + 1] > Up[s]:
+            for i in range(height):
+                place[Ri[rows + i]] = i
+        for u in range(Up[s], Up[s + 1]):
+            t = Ut[u]
+            size, row, at = Rp[t + 1] - Rp[t], Rp[t], Lp[t]
+            columns, end = first[t + 1] - first[t], Rp[t + 1] - Rp[t]
+            for a in range(Ua[u], Ub[u]):
+                c = Ri[row + a]
+                if not inside[c]:
+                    continue
+                target = begin + (c - c0) * height
+                for i in range(a, end):
+                    work[i] = 0.0
+                q = 0
+                while q + 3 < columns:
+                    add_four(Lx, at + q * size, size, a, end, work, 0, 1.0)
+                    q += 4
+                while q < columns:
+                    one = at + q * size
+                    x = Lx[one + a]
+                    for i in range(a, end):
+                        work[i] += x * Lx[one + i]
+                    q += 1
+                for i in range(a, end):
+                    Lx[target + place[Ri[row + i]]] -= work[i]
+                flops += 2 * columns * (end - a)
+        for q in range(width):
+            at = begin + q * height
+            if q % 4 == 0 and q > 0:
+                for j in range(q, width):
+                    add_four(Lx, at - 4 * height, height, j, height, Lx, begin + j * height, -1.0)
+            if not inside[c0 + q]:
+                for i in range(q + 1, height):
+                    Lx[at + i] = 0.0
+                Lx[at + q] = 1.0
+                continue
+            pivot = Lx[at + q]
+            if pivot <= DEPENDENT:
+                return -1 - flops
+            inverse = 1.0 / sqrt(pivot)
+            for i in range(q + 1, height):
+                Lx[at + i] *= inverse
+            Lx[at + q] = inverse
+            panel = min(width, q // 4 * 4 + 4)
+            for j in range(q + 1, panel):
+                target, x = begin + j * height, Lx[at + j]
+                for i in range(j, height):
+                    Lx[target + i] -= x * Lx[at + i]
+            flops += height - q + (width - q - 1) * (2 * height - width - q)
     return flops
 
 
 @kernel
 def solve_L(pattern, Lx, x):
     """x := L⁻¹ x."""
-    Lp, Li = pattern.Lp, pattern.Li
-    for c in range(Lp.size - 1):
-        value = x[c] / Lx[Lp[c]]
-        x[c] = value
-        for l in range(Lp[c] + 1, Lp[c + 1]):
-            x[Li[l]] -= value * Lx[l]
+    first, Rp, Ri, Lp = pattern.first, pattern.Rp, pattern.Ri, pattern.Lp
+    for s in range(first.size - 1):
+        c0, width, height = first[s], first[s + 1] - first[s], Rp[s + 1] - Rp[s]
+        at, rows = Lp[s], Rp[s]
+        for q in range(width):
+            value = x[c0 + q] * Lx[at + q * (height + 1)]
+            x[c0 + q] = value
+            for i in range(q + 1, width):
+                x[c0 + i] -= value * Lx[at + q * height + i]
+        q = 0
+        while q + 3 < width:
+            one, two = at + q * height, at + (q + 1) * height
+            three, four = two + height, two + 2 * height
+            x1, x2, x3, x4 = x[c0 + q], x[c0 + q + 1], x[c0 + q + 2], x[c0 + q + 3]
+            for i in range(width, height):
+                x[Ri[rows + i]] -= (x1 * Lx[one + i] + x2 * Lx[two + i]) + (
+                    x3 * Lx[three + i] + x4 * Lx[four + i]
+                )
+            q += 4
+        while q < width:
+            one, x1 = at + q * height, x[c0 + q]
+            for i in range(width, height):
+                x[Ri[rows + i]] -= x1 * Lx[one + i]
+            q += 1
 
 
 @kernel
 def solve_LT(pattern, Lx, x):
     """x := L⁻ᵀ x."""
-    Lp, Li = pattern.Lp, pattern.Li
-    for c in range(Lp.size - 2, -1, -1):
-        value = x[c]
-        for l in range(Lp[c] + 1, Lp[c + 1]):
-            value -= Lx[l] * x[Li[l]]
-        x[c] = value / Lx[Lp[c]]
+    first, Rp, Ri, Lp = pattern.first, pattern.Rp, pattern.Ri, pattern.Lp
+    for s in range(first.size - 2, -1, -1):
+        c0, width, height = first[s], first[s + 1] - first[s], Rp[s + 1] - Rp[s]
+        at, rows = Lp[s], Rp[s]
+        q = 0
+        while q + 3 < width:
+            one, two = at + q * height, at + (q + 1) * height
+            three, four = two + height, two + 2 * height
+            x1 = x2 = x3 = x4 = 0.0
+            for i in range(width, height):
+                value = x[Ri[rows + i]]
+                x1 += value * Lx[one + i]
+                x2 += value * Lx[two + i]
+                x3 += value * Lx[three + i]
+                x4 += value * Lx[four + i]
+            x[c0 + q] -= x1
+            x[c0 + q + 1] -= x2
+            x[c0 + q + 2] -= x3
+            x[c0 + q + 3] -= x4
+            q += 4
+        while q < width:
+            one, x1 = at + q * height, 0.0
+            for i in range(width, height):
+                x1 += x[Ri[rows + i]] * Lx[one + i]
+            x[c0 + q] -= x1
+            q += 1
+        for q in range(width - 1, -1, -1):
+            value = x[c0 + q]
+            for i in range(q + 1, width):
+                value -= Lx[at + q * height + i] * x[c0 + i]
+            x[c0 + q] = value * Lx[at + q * (height + 1)]
 
 
 @kernel
 def inverse_norm(pattern, S, Lx):
     """Estimate ‖L⁻¹‖₂ from below, as `factorization.inverse_norm_estimate` does for R = Lᵀ."""
-    Lp, Li = pattern.Lp, pattern.Li
-    k = Lp.size - 1
+    first, Rp, Ri, Lp = pattern.first, pattern.Rp, pattern.Ri, pattern.Lp
     sums, y = S[V], S[Y]
-    for c in range(k):
+    for c in range(first[first.size - 1]):
         sums[c] = 0.0
     before = 0.0
-    for c in range(k):
-        pivot = Lx[Lp[c]]
-        sign = -1.0 if sums[c] > 0 else 1.0
-        greedy, other = (sign - sums[c]) / pivot, (-sign - sums[c]) / pivot
-        grown_greedy, grown_other = abs(greedy), abs(other)
-        for l in range(Lp[c] + 1, Lp[c + 1]):
-            row, entry = Li[l], Lx[l]
-            grown_greedy += abs(sums[row] + entry * greedy)
-            grown_other += abs(sums[row] + entry * other)
-        value = greedy if grown_greedy >= grown_other else other
-        y[c] = value
-        before += value * value
-        for l in range(Lp[c] + 1, Lp[c + 1]):
-            sums[Li[l]] += value * Lx[l]
+    for s in range(first.size - 1):
+        height = Rp[s + 1] - Rp[s]
+        for q in range(first[s + 1] - first[s]):
+            c, at = first[s] + q, Lp[s] + q * height
+            sign = -1.0 if sums[c] > 0 else 1.0
+            greedy, other = (sign - sums[c]) * Lx[at + q], (-sign - sums[c]) * Lx[at + q]
+            grown_greedy, grown_other = abs(greedy), abs(other)
+            for i in range(q + 1, height):
+                row, entry = Ri[Rp[s] + i], Lx[at + i]
+                grown_greedy += abs(sums[row] + entry * greedy)
+                grown_other += abs(sums[row] + entry * other)
+            value = greedy if grown_greedy >= grown_other else other
+            y[c] = value
+            before += value * value
+            for i in range(q + 1, height):
+                sums[Ri[Rp[s] + i]] += value * Lx[at + i]
     if before == 0.0:
         return 1.0
     solve_LT(pattern, Lx, y)
     after = 0.0
-    for c in range(k):
+    for c in range(first[first.size - 1]):
         after += y[c] * y[c]
     return sqrt(after / before)
+
+
+@kernel
+def change_path(pattern, Lx, w, c, sign):
+    """L Lᵀ := L Lᵀ + sign w wᵀ, w in the columns from c on up the tree; w becomes 0.
+
+    Returns whether the outcome is positive definite; L is of no use where it is not.
+    """
+    first, front, Rp, Ri, Lp = pattern.first, pattern.front, pattern.Rp, pattern.Ri, pattern.Lp
+    sound = True
+    while c >= 0:
+        s = front[c]
+        height, rows = Rp[s + 1] - Rp[s], Rp[s]
+        for q in range(c - first[s], first[s + 1] - first[s]):
+            value = w[first[s] + q]
+            w[first[s] + q] = 0.0
+            if value == 0.0:
+                continue
+            at = Lp[s] + q * height
+            sine = value * Lx[at + q]
+            cosine2 = 1.0 + sign * sine * sine
+            if cosine2 <= DEPENDENT:
+                sound, cosine2 = False, 1.0
+            cosine = sqrt(cosine2)
+            inverse = 1.0 / cosine
+            Lx[at + q] *= inverse
+            for i in range(q + 1, height):
+                row = Ri[rows + i]
+                entry = (Lx[at + i] + sign * sine * w[row]) * inverse
+                Lx[at + i] = entry
+                w[row] = cosine * w[row] - sine * entry
+        width = first[s + 1] - first[s]
+        c = Ri[rows + width] if height > width else -1
+    return sound
+
+
+@kernel
+def delete_column(pattern, Lx, S, I, c):
+    """Take column c out of L; returns whether L is sound."""
+    first, Rp, Ri, Lp = pattern.first, pattern.Rp, pattern.Ri, pattern.Lp
+    s, w = pattern.front[c], S[CHANGED]
+    for u in range(pattern.Up[s], pattern.Up[s + 1]):
+        t = pattern.Ut[u]
+        for a in range(pattern.Ua[u], pattern.Ub[u]):
+            if Ri[Rp[t] + a] == c:
+                for q in range(first[t + 1] - first[t]):
+                    Lx[Lp[t] + q * (Rp[t + 1] - Rp[t]) + a] = 0.0
+    height, place = Rp[s + 1] - Rp[s], c - first[s]
+    for q in range(place):
+        Lx[Lp[s] + q * height + place] = 0.0
+    at = Lp[s] + place * height
+    for i in range(place + 1, height):
+        w[Ri[Rp[s] + i]] = Lx[at + i]
+        Lx[at + i] = 0.0
+    Lx[at + place] = 1.0
+    I[IN_L, c] = 0
+    if place + 1 == height:
+        return True
+    return change_path(pattern, Lx, w, Ri[Rp[s] + place + 1], 1.0)
+
+
+@kernel
+def insert_column(pattern, Bx, Lx, S, I, c, shift):
+    """Take column c into L, at its inner products with the others; returns whether L is sound."""
+    first, Rp, Ri, Lp = pattern.first, pattern.Rp, pattern.Ri, pattern.Lp
+    Bi, s, w, full, inside = pattern.Bi, pattern.front[c], S[CHANGED], S[SPREAD], I[IN_L]
+    diagonal = spread(Bi, Bx, c, full) + shift
+    for u in range(pattern.Up[s], pattern.Up[s + 1]):
+        t = pattern.Ut[u]
+        for a in range(pattern.Ua[u], pattern.Ub[u]):
+            if Ri[Rp[t] + a] == c:
+                for other in range(first[t], first[t + 1]):
+                    w[other] = dot(Bi, Bx, other, full) if inside[other] else 0.0
+    for other in range(first[s], c):
+        w[other] = dot(Bi, Bx, other, full) if inside[other] else 0.0
+    for g in range(pattern.Gp[c], pattern.Gp[c + 1]):
+        other = pattern.Gi[g]
+        w[other] = dot(Bi, Bx, other, full) if inside[other] else 0.0
+    clear(Bi, c, full)
+    w[c] = diagonal
+    for u in range(pattern.Up[s], pattern.Up[s + 1]):
+        t = pattern.Ut[u]
+        for a in range(pattern.Ua[u], pattern.Ub[u]):
+            if Ri[Rp[t] + a] == c:
+                eliminate(pattern, Lx, w, t, first[t + 1] - first[t], a)
+    height, place = Rp[s + 1] - Rp[s], c - first[s]
+    eliminate(pattern, Lx, w, s, place, place)
+    pivot = w[c]
+    w[c] = 0.0
+    sound = pivot > DEPENDENT
+    inverse = 1.0 / sqrt(pivot) if sound else 1.0
+    at = Lp[s] + place * height
+    Lx[at + place] = inverse
+    for i in range(place + 1, height):
+        row = Ri[Rp[s] + i]
+        w[row] *= inverse
+        Lx[at + i] = w[row]
+    I[IN_L, c] = 1
+    if place + 1 == height:
+        return sound
+    return change_path(pattern, Lx, w, Ri[Rp[s] + place + 1], -1.0) and sound
+
+
+@kernel
+def eliminate(pattern, Lx, w, s, columns, place):
+    """Forward substitution in w by the first columns of front s; their row `place` of L becomes it.
+
+    w becomes 0 at these columns.
+    """
+    first, Rp, Ri, Lp = pattern.first, pattern.Rp, pattern.Ri, pattern.Lp
+    height = Rp[s + 1] - Rp[s]
+    for q in range(columns):
+        at = Lp[s] + q * height
+        value = w[first[s] + q] * Lx[at + q]
+        w[first[s] + q] = 0.0
+        Lx[at + place] = value
+        if value != 0.0:
+            for i in range(q + 1, height):
+                w[Ri[Rp[s] + i]] -= value * Lx[at + i]

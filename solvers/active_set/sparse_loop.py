@@ -2,10 +2,10 @@
 
 The steps are those of `method`, with three inner parts exchanged:
 
-1. L = Rᵀ by sparse Cholesky (`sparse_cholesky`), today's or that of an earlier QP, preconditions
-   conjugate gradients for the descent direction (3.19).  L is not updated: the columns that leave
-   F are masked and those that enter stand for themselves, which costs conjugate gradients about
-   one iteration for each.  When it pays to factorize anew is decided by a rule (`keep_account`).
+1. L = Rᵀ by sparse Cholesky (`sparse_cholesky`), of today's A or that of an earlier QP,
+   preconditions conjugate gradients for the descent direction (3.19).  Columns that leave F leave
+   L, and those that enter F enter L (`follow`).  When it pays to factorize anew is decided by a
+   rule (`keep_account`).
 2. Many variables change sides at once.  Step 4 first tries the whole step, cut off at the bounds
    variable by variable, and takes it where the objective falls at least as far as by the step to
    the first bound; step 8 frees every variable whose sign is wrong by a tenth of the worst.  Where
@@ -52,7 +52,17 @@ from solvers.active_set.loop import (
     wrong_sign,
 )
 from solvers.active_set.online_rule import PRICE, forget, iterations_worth, keep_account
-from solvers.active_set.sparse_cholesky import cholesky, inverse_norm, solve_L, solve_LT
+from solvers.active_set.sparse_cholesky import (
+    add,
+    cholesky,
+    delete_column,
+    dot,
+    insert_column,
+    inverse_norm,
+    solve_L,
+    solve_LT,
+)
+from solvers.active_set.sparse_pattern import SLOTS
 from solvers.active_set.sparse_workspace import IN_F, IN_L, WORK
 from solvers.active_set.workspace import (
     AGE,
@@ -88,6 +98,7 @@ from solvers.active_set.workspace import (
     SEARCH,
     SHIFT,
     STATUS,
+    UPDATES,
     UPPER,
     WRONG,
     YOUNG,
@@ -112,30 +123,37 @@ MOST_FACTORS = 8
 least, and something to spare."""
 MOST_ITERATIONS = 200
 """Conjugate gradient iterations of one direction with today's L."""
+NOISE = 10.0
+"""vᵀy in units of (rounding in Δ)²/shift, below which it may be rounding."""
 TENTH = 0.1
 
 
 @kernel
 def lay_out(pattern, data, d, lower, upper, Bx, S, m):
     """Columns of A in elimination order at length 1, bounds on z_c = ‖a_j‖ x_j."""
-    Bp, order, indptr = pattern.Bp, pattern.order, pattern.indptr
+    order, indptr = pattern.order, pattern.indptr
     length, low, high, momentum = S[LENGTH], S[LOWER], S[UPPER], S[MOMENTUM]
-    k, inverse = order.size, S[WORK]
-    for c in range(k):
-        source, size = indptr[order[c]] - Bp[c], 0.0
-        for b in range(Bp[c], Bp[c + 1]):
-            size += data[source + b] ** 2
-        length[c] = size if size > 0.0 else 1.0
-    for c in range(k):
-        length[c] = sqrt(length[c])
-        inverse[c] = 1.0 / length[c]
-    for c in range(k):
-        j, scale = order[c], inverse[c]
-        source = indptr[j] - Bp[c]
-        for b in range(Bp[c], Bp[c + 1]):
-            Bx[b] = scale * data[source + b]
-        low[c] = length[c] * lower[j]
-        high[c] = length[c] * upper[j]
+    for c in range(order.size):
+        j = order[c]
+        source, count = indptr[j], indptr[j + 1] - indptr[j]
+        size = 0.0
+        if count == SLOTS:
+            for b in range(SLOTS):
+                size += data[source + b] ** 2
+        else:
+            for b in range(count):
+                size += data[source + b] ** 2
+        size = sqrt(size) if size > 0.0 else 1.0
+        scale = 1.0 / size
+        if count == SLOTS:
+            for b in range(SLOTS):
+                Bx[c, b] = scale * data[source + b]
+        else:
+            for b in range(count):
+                Bx[c, b] = scale * data[source + b]
+        length[c] = size
+        low[c] = size * lower[j]
+        high[c] = size * upper[j]
     for i in range(m):
         momentum[i] = d[i]
 
@@ -164,18 +182,18 @@ def start(order, S, I, warm, own_set, w):
 @kernel
 def take_residual(pattern, Bx, S, m):
     """r = B z + d into row RESIDUAL; returns ‖change of r‖ and the rounding in Δ."""
-    Bp, Bi = pattern.Bp, pattern.Bi
+    Bi = pattern.Bi
     fresh, r, d, sizes, z = S[FRESH], S[RESIDUAL], S[MOMENTUM], S[WORK], S[Z]
     for i in range(m):
         fresh[i] = d[i]
         sizes[i] = abs(d[i])
-    for c in range(Bp.size - 1):
+    for c in range(Bi.shape[0]):
         value = z[c]
         if value != 0.0:
-            for b in range(Bp[c], Bp[c + 1]):
-                term = value * Bx[b]
-                fresh[Bi[b]] += term
-                sizes[Bi[b]] += abs(term)
+            for b in range(SLOTS):
+                term = value * Bx[c, b]
+                fresh[Bi[c, b]] += term
+                sizes[Bi[c, b]] += abs(term)
     moved = total = 0.0
     for i in range(m):
         moved += (fresh[i] - r[i]) ** 2
@@ -187,12 +205,9 @@ def take_residual(pattern, Bx, S, m):
 @kernel
 def take_gradient(pattern, Bx, S, row):
     """Bᵀ row into row GRADIENT."""
-    Bp, Bi, x, gradient = pattern.Bp, pattern.Bi, S[row], S[GRADIENT]
-    for c in range(Bp.size - 1):
-        along = 0.0
-        for b in range(Bp[c], Bp[c + 1]):
-            along += Bx[b] * x[Bi[b]]
-        gradient[c] = along
+    x, gradient = S[row], S[GRADIENT]
+    for c in range(pattern.order.size):
+        gradient[c] = dot(pattern.Bi, Bx, c, x)
 
 
 @kernel
@@ -214,12 +229,43 @@ def factorize(pattern, Bx, Lx, S, I, f):
         I[COUNTS, FLOPS] += -1 - flops
         flops = cholesky(pattern, Bx, S, I, Lx, FIRST_SHIFT)
     S[REALS, FACTORIZATION_FLOPS] = flops
-    k, entries = pattern.order.size, pattern.Li.size
-    S[REALS, FACTORIZATION_COST] = flops + PER_ENTRY * entries + PER_COLUMN * k
+    k = pattern.order.size
+    for c in range(k):
+        for b in range(SLOTS):
+            Bx[k + c, b] = Bx[c, b]
+    S[REALS, FACTORIZATION_COST] = flops + PER_ENTRY * pattern.entries + PER_COLUMN * k
     S[REALS, INVERSE_NORM] = inverse_norm(pattern, S, Lx)
     I[COUNTS, AGE] = 0
     I[COUNTS, FACTORIZATIONS] += 1
-    I[COUNTS, FLOPS] += flops + 8 * pattern.Li.size
+    I[COUNTS, FLOPS] += flops + 8 * pattern.entries
+
+
+@kernel
+def follow(pattern, Bx, Lx, S, I, f):
+    """Make L that of the present F: column by column, or anew where that costs less.
+
+    An old L gets the columns of its own time, which are kept past today's in Bx.
+    """
+    inside, kept, change = I[IN_F], I[IN_L], pattern.change
+    k, cost, changes = change.size, 0, 0
+    for c in range(k):
+        if inside[c] != kept[c]:
+            cost += change[c]
+            changes += 1
+    if changes == 0:
+        return
+    sound = cost < S[REALS, FACTORIZATION_FLOPS]
+    if sound:
+        for c in range(k):
+            if kept[c] and not inside[c]:
+                sound = delete_column(pattern, Lx, S, I, c) and sound
+        for c in range(k):
+            if inside[c] and not kept[c]:
+                sound = insert_column(pattern, Bx[k:], Lx, S, I, c, S[REALS, SHIFT]) and sound
+        I[COUNTS, UPDATES] += changes
+        I[COUNTS, FLOPS] += cost
+    if not sound:
+        factorize(pattern, Bx, Lx, S, I, f)
 
 
 @kernel
@@ -238,12 +284,12 @@ def has_todays_L(I, k):
 def iteration_flops(pattern, f, m, plain):
     """C_IT: products with B_F and B_Fᵀ, solves with L and Lᵀ, and the vectors."""
     k = pattern.order.size
-    products = 4 * pattern.Bi.size * f // max(k, 1)
-    return products + (0 if plain else 4 * pattern.Li.size) + 4 * m + 10 * f
+    products = 4 * pattern.nonzeros * f // max(k, 1)
+    return products + (0 if plain else 4 * pattern.entries) + 4 * m + 10 * f
 
 
 @kernel
-def conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, limit, plain):
+def conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, noise, limit, plain):
     """Minimise ‖B_F p + r‖ over p, preconditioned by L Lᵀ, until ‖B_Fᵀ(B_F p + r)‖ ≤ tolerance.
 
     Row GRADIENT holds Bᵀ r.  p is left in row P, 0 outside F, and B_F p + r in row REMAINDER.
@@ -252,8 +298,11 @@ def conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, limit, plain):
 
     With M⁻¹ = E (L Lᵀ)⁻¹ Eᵀ, E the rows of F, which is positive definite whatever columns L has:
     v = B_Fᵀ s, y = M⁻¹ v, q := −y + (vᵀy/vᵀy before) q, α = vᵀy/‖B_F q‖² (Björck and Elfving 1979).
+
+    Rounding in v along what is dependent weighs 1/shift in vᵀy, and where that is most of it α is
+    far too long.  So vᵀy at or below `noise` makes for a last step, with q = −y and α = 1, which is
+    iterative refinement.
     """
-    Bp, Bi = pattern.Bp, pattern.Bi
     k = pattern.order.size
     s, w, p, v = S[REMAINDER], S[FRESH], S[P], S[V]
     y, q, r, inside, gradient = S[Y], S[SEARCH], S[RESIDUAL], I[IN_F], S[GRADIENT]
@@ -272,8 +321,7 @@ def conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, limit, plain):
                 if iterations == 0:
                     along = gradient[c]
                 else:
-                    for b in range(Bp[c], Bp[c + 1]):
-                        along += Bx[b] * s[Bi[b]]
+                    along = dot(pattern.Bi, Bx, c, s)
             v[c] = along
             y[c] = along
             slope += along * along
@@ -287,30 +335,32 @@ def conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, limit, plain):
         before, gamma = gamma, 0.0
         for c in range(k):
             gamma += v[c] * y[c]
-        ratio = gamma / before
+        last = gamma <= noise
+        ratio = 0.0 if last else gamma / before
         for i in range(m):
             w[i] = 0.0
         for c in range(k):
             if inside[c]:
                 value = q[c] * ratio - y[c]
                 q[c] = value
-                for b in range(Bp[c], Bp[c + 1]):
-                    w[Bi[b]] += value * Bx[b]
+                add(pattern.Bi, Bx, c, value, w)
         curvature = 0.0
         for i in range(m):
             curvature += w[i] * w[i]
         if curvature == 0.0:
             return -1 - iterations
-        alpha = gamma / curvature
+        alpha = 1.0 if last else gamma / curvature
         for c in range(k):
             p[c] += alpha * q[c]
         for i in range(m):
             s[i] += alpha * w[i]
         iterations += 1
+        if last:
+            return iterations
 
 
 @kernel
-def direction(pattern, Bx, Lx, S, I, m, f, tolerance, mode):
+def direction(pattern, Bx, Lx, S, I, m, f, tolerance, rounding, mode):
     """Step 3; returns the age of the L that was given up on the way, or 0.
 
     An old L that needs more iterations than the rule allows is replaced by today's at once: by the
@@ -320,6 +370,8 @@ def direction(pattern, Bx, Lx, S, I, m, f, tolerance, mode):
     if mode & SCRATCH and not has_todays_L(I, pattern.order.size):
         factorize(pattern, Bx, Lx, S, I, f)
     plain = (mode & NO_R) != 0
+    if not plain:
+        follow(pattern, Bx, Lx, S, I, f)
     interval = I[COUNTS, INTERVAL] if mode & CUSTOM else 0
     for _ in range(MOST_FACTORS):
         todays = has_todays_L(I, pattern.order.size)
@@ -337,7 +389,9 @@ def direction(pattern, Bx, Lx, S, I, m, f, tolerance, mode):
             limit = 2.0 * many if S[REALS, SHIFT] > LEAST_SHIFT else MOST_ITERATIONS
         elif interval > 0:
             limit = MOST_ITERATIONS
-        made = conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, limit, plain)
+        shift = S[REALS, SHIFT]
+        noise = NOISE * rounding * rounding / shift if shift > 0.0 and not plain else 0.0
+        made = conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, noise, limit, plain)
         spent = made if made >= 0 else -1 - made
         I[COUNTS, CG_ITERATIONS] += spent
         I[COUNTS, FLOPS] += spent * C_IT
@@ -358,16 +412,15 @@ def direction(pattern, Bx, Lx, S, I, m, f, tolerance, mode):
 @kernel
 def cut_off(pattern, Bx, S, I, m, theta):
     """Whether z + p, cut off at the bounds, lowers ½‖r‖² at least as far as the step θ p does."""
-    Bp, Bi, inside = pattern.Bp, pattern.Bi, I[IN_F]
+    inside = I[IN_F]
     z, p, low, high = S[Z], S[P], S[LOWER], S[UPPER]
     r, s, trial = S[RESIDUAL], S[REMAINDER], S[FRESH]
     for i in range(m):
         trial[i] = r[i]
-    for c in range(Bp.size - 1):
+    for c in range(pattern.order.size):
         if inside[c]:
             value = min(max(z[c] + p[c], low[c]), high[c]) - z[c]
-            for b in range(Bp[c], Bp[c + 1]):
-                trial[Bi[b]] += value * Bx[b]
+            add(pattern.Bi, Bx, c, value, trial)
     now = whole = short = 0.0
     for i in range(m):
         now += r[i] * r[i]
@@ -453,7 +506,7 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
     for i in range(DIRECTIONS, FLOPS + 1):
         I[COUNTS, i] = 0
     warm = (mode & WARM) != 0
-    product = 2 * pattern.Bi.size
+    product = 2 * pattern.nonzeros
     lay_out(pattern, data, d, lower, upper, Bx, S, m)
     if warm:
         map_rows(row_id, I, k)
@@ -502,7 +555,8 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
             passes -= 1
             if refining == inf:
                 I[COUNTS, DIRECTIONS] += 1
-            given_up = max(given_up, direction(pattern, Bx, Lx, S, I, m, f, 0.5 * aim, mode))  # 3.
+            age = direction(pattern, Bx, Lx, S, I, m, f, 0.5 * aim, rounding, mode)  # 3.
+            given_up = max(given_up, age)
             theta = ratio_test(S, I, k)  # 4.
             cut = theta < 1.0 and cut_off(pattern, Bx, S, I, m, theta)
             reached = take_step(S, I, k, theta, cut)  # 5., 6.

@@ -18,15 +18,17 @@ from solvers.active_set.workspace import N_FLOAT_ROWS, N_INT_ROWS, OLD_F, SIZES,
 
 IN_F, IN_L, WORK = F, OLD_F, SIZES
 """Rows of another meaning than in `workspace`."""
-LINK, NEXT, PLACE, BEGUN = range(N_INT_ROWS, N_INT_ROWS + 4)
-"""Rows of I for `cholesky`."""
+SPREAD, CHANGED = range(N_FLOAT_ROWS, N_FLOAT_ROWS + 2)
+PLACE = N_INT_ROWS
+"""Rows of S and I for `sparse_cholesky`."""
 
 
 @dataclass(frozen=True, eq=False)
 class SparseWorkspace:
     """What one sparse solve hands to the next; updated in place.
 
-    pattern : of the QP that was solved, with Bx (nnz of B,) and Lx (nnz of L,)
+    pattern : of the QP that was solved
+    Bx : (2 k, SLOTS) B of that QP, and B of the QP that L was factorized in;  Lx : blocks of L
     S : (rows, n) float64, I : (rows, n) int64
     """
 
@@ -41,13 +43,13 @@ def make_sparse_workspace(
     m: int, pattern: Pattern, previous: SparseWorkspace | None = None
 ) -> SparseWorkspace:
     """Room for QPs of this pattern, with what `previous` remembers of x and its members."""
-    n = max(m, pattern.order.size, 16, 0 if previous is None else previous.S.shape[1])
+    n = max(m + 1, pattern.order.size, 16, 0 if previous is None else previous.S.shape[1])
     made = SparseWorkspace(
         pattern,
-        np.empty(pattern.Bi.size),
-        np.empty(pattern.Li.size),
-        np.zeros((N_FLOAT_ROWS, n)),
-        np.zeros((BEGUN + 1, n), dtype=np.int64),
+        np.zeros((2 * pattern.Bi.shape[0], pattern.Bi.shape[1])),
+        np.empty(pattern.Lp[-1]),
+        np.zeros((CHANGED + 1, n)),
+        np.zeros((PLACE + 1, n), dtype=np.int64),
     )
     if previous is not None:
         old = previous.S.shape[1]
