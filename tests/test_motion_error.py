@@ -40,6 +40,12 @@ def test_pieces_of_cubics_are_interpolated_exactly_across_an_impact() -> None:
     assert pose_error(coarse, fine).largest() < 1e-14
 
 
+def test_the_time_of_an_impact_itself_is_no_division_by_zero() -> None:
+    motion = bouncing(np.linspace(0, 1, 8))
+    assert motion.at(motion.t) == pytest.approx(motion.q, abs=1e-15)
+    assert motion.at(np.array([2.0]))[0] == pytest.approx(motion.q[-1])
+
+
 def test_an_impact_that_comes_late_shows_only_between_the_two() -> None:
     times = np.linspace(0, 0.3, 31)
     one, other = bouncing(times), bouncing(times)
@@ -98,6 +104,11 @@ def test_one_event_more_does_not_shift_the_others() -> None:
     assert match.largest == 0.0  # not with the one at 0.1005
     assert match.mismatch == pytest.approx(0.1005)
     assert match_events(other, one)[:3] == (3, 1, 0)
+    # of two candidates the nearer one, whichever comes first
+    near = match_events(events((0.15, "impulse")), events((0.11, "impulse"), (0.16, "impulse")))
+    assert near.largest == pytest.approx(0.01)
+    near = match_events(events((0.15, "impulse")), events((0.14, "impulse"), (0.19, "impulse")))
+    assert near.largest == pytest.approx(0.01)
 
 
 def test_events_of_other_kinds_or_times_do_not_match() -> None:

@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from harness.in_loop import InLoop
-from harness.run_physics import accuracy_of_answers, energy, overlap, physics_of, reach, signorini
+from harness.run_physics import (
+    accuracy_of_answers,
+    energy,
+    last_answers,
+    overlap,
+    physics_of,
+    reach,
+    signorini,
+)
 from problems import Run, scene, simulate
 from problems.bodies import box
 from problems.contacts import HalfPlane
@@ -73,6 +81,21 @@ def test_the_work_of_a_load_is_no_gain() -> None:
     assert found["gained_at_steps"] < 1e-2 * run.kinetic_energy()[-1]
     bare = energy(simulate(one_box(v=(1.0, 0.0, 0.0), end_time=0.4), make_solver("lotstedt")))
     assert bare["gained_at_steps"] < 1e-12
+
+
+def test_an_external_impulse_is_no_gain() -> None:
+    run = scene_run("fig4")  # it begins with one
+    assert run.kinetic_energy()[:2] == pytest.approx([0.0, run.kinetic_energy()[1]])
+    assert run.kinetic_energy()[1] > 10.0
+    assert energy(run)["gained_at_impulses"] < 1e-12
+
+
+def test_each_step_and_impulse_has_one_last_answer() -> None:
+    for name in ("fig4", "fig5"):
+        run = scene_run(name)
+        answers = list(last_answers(run))
+        assert len(answers) == run.counts["steps"] + run.counts["impulses"]
+        assert {qp.t for qp, _ in answers} <= set(run.t.tolist())
 
 
 def test_exact_answers_meet_signorini(dropped: Run) -> None:
