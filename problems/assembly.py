@@ -1,28 +1,34 @@
-"""The discretized equations of motion, assembled from the constraint graph at one position (§5)."""
+"""The discretized equations of motion, assembled from the constraint graph at one position (§5).
+
+A column of G has six entries at most, for the two bodies of its contact, and is kept as these.  The
+products with G that a step needs are sums over them; matrices are made for the QP only.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
-from problems.bodies import GROUND
 from problems.constraint_graph import ConstraintGraph
+from problems.contact_kernels import column_speeds, column_sum, dense_columns, sparse_columns
 from problems.contacts import Columns, Pose
 from problems.qp import Indices, Matrix, Vector
 
 DENSE_ENTRIES = 4_000
 """Matrices with more entries than this are kept sparse."""
+ALL = slice(None)
 
 
 class Assembly:
     """Columns g_N and g_F of all active constraints at one position.
 
     normals, frictions : the vertices, in the order of row_id
+    place : (N, 3) corner, part and edge of each normal
     columns : `Columns` of the normals, N rows
-    G_N, G_F : (3n, N), (3n, F) sparse
-    members : (F, N) sparse 0/1, which normals bound which friction;  mu : (F,)
+    friction_of : (N,) the friction that a normal bounds, or −1;  mu : (F,)
     """
 
     def __init__(
@@ -30,58 +36,105 @@ class Assembly:
         graph: ConstraintGraph,
         q: Vector,
         handed_over: Mapping[int, tuple[int, int, int]] | None = None,
+        pose: Pose | None = None,
     ):
-        handed_over = handed_over or {}
+        active = graph.active_set()
         geometry = self.geometry = graph.geometry
-        self.pose: Pose = geometry.pose(q)
-        self.normals = graph.active()
-        self.frictions = graph.active_frictions()
-        self.places: list[tuple[int, int, int]] = [
-            handed_over.get(n.row_id, n.place) for n in self.normals
-        ]
-        self.place: Indices = np.array(self.places, dtype=np.int64).reshape(-1, 3)
-        self.columns: Columns = geometry.columns(self.pose, *self.place.T)
-        m = 3 * geometry.n_bodies
-        index = {normal.row_id: i for i, normal in enumerate(self.normals)}
-        groups = [[index[n.row_id] for n in f.contact.normals] for f in self.frictions]
-        first = np.array([group[0] for group in groups], dtype=np.int64)
-        bodies = self.columns.bodies
-        self.G_N = _scatter(m, bodies, self.columns.normal)
-        self.G_F = _scatter(m, bodies[first], self.columns.tangent[first])
-        counts = [len(group) for group in groups]
-        rows = np.repeat(np.arange(len(groups)), counts)
-        self.members = sp.csr_array(
-            (
-                np.ones(len(rows)),
-                (rows, np.array([i for group in groups for i in group], dtype=np.int64)),
-            ),
-            shape=(len(groups), len(self.normals)),
-        )
-        self.mu = np.array([f.contact.mu for f in self.frictions])
-        self.normal_ids = np.array([n.row_id for n in self.normals], dtype=np.int64)
-        self.friction_ids = np.array([f.row_id for f in self.frictions], dtype=np.int64)
-        self._first = first
+        self.pose: Pose = geometry.pose(q) if pose is None else pose
+        self.m = 3 * geometry.n_bodies
+        self.normals, self.frictions = active.normals, active.frictions
+        self.normal_ids, self.friction_ids = active.normal_ids, active.friction_ids
+        self.friction_of, self.mu = active.friction_of, active.mu
+        self.place: Indices = active.place
+        self._feature = active.feature
+        self._first = active.first
+        if handed_over:
+            self.place = self.place.copy()
+            for row_id, place in handed_over.items():
+                self.place[np.searchsorted(self.normal_ids, row_id)] = place
+            self._feature = geometry.features(self.place)
+        self.columns: Columns = geometry.columns_at(self.pose, self.place)
+
+    @property
+    def places(self) -> list[tuple[int, int, int]]:
+        """(corner, part, edge) of each normal."""
+        return [(c, p, e) for c, p, e in self.place.tolist()]
+
+    # --- products with G -------------------------------------------------------------------------
+
+    def gap_speed(self, v: Vector) -> Vector:
+        """G_Nᵀ v (N,)."""
+        return column_speeds(self.columns.normal, self.columns.bodies, v)
+
+    def slip_speed(self, v: Vector) -> Vector:
+        """G_Fᵀ v (F,)."""
+        return column_speeds(*self._tangents, v)
+
+    def friction_force(self, lam_F: Vector) -> Vector:
+        """G_F λ_F (3n,)."""
+        return column_sum(*self._tangents, lam_F, self.m)
+
+    def bound(self, lam_N: Vector) -> Vector:
+        """μ Σ λ_N, the bound of each friction (F,)."""
+        total = np.zeros(self.mu.size)
+        bounding = self.friction_of >= 0
+        np.add.at(total, self.friction_of[bounding], lam_N[bounding])
+        return self.mu * total
+
+    # --- matrices --------------------------------------------------------------------------------
+
+    @cached_property
+    def _tangents(self) -> tuple[Vector, Indices]:
+        """Entries (F, 6) of g_F and their bodies (F, 2)."""
+        return self.columns.tangent[self._first], self.columns.bodies[self._first]
+
+    def scaled(
+        self, normals: Indices, frictions: Indices, D: Vector, order: Indices | slice = ALL
+    ) -> Matrix:
+        """D⁻ᵀ[G_N, G_F] of these normals and frictions, in `order`, dense unless it is large.
+
+        Entries that happen to be 0 stay in the pattern, which is that of the contact graph.
+        """
+        tangent, bodies = self._tangents
+        entries = np.concatenate([self.columns.normal[normals], tangent[frictions]])
+        bodies = np.concatenate([self.columns.bodies[normals], bodies[frictions]])
+        return _matrix(entries[order], bodies[order], D)
+
+    @cached_property
+    def G_N(self) -> sp.csc_array:
+        """(3n, N) sparse."""
+        return _sparse(self.columns.normal, self.columns.bodies, np.ones(self.m))
+
+    @cached_property
+    def G_F(self) -> sp.csc_array:
+        """(3n, F) sparse."""
+        return _sparse(*self._tangents, np.ones(self.m))
+
+    @cached_property
+    def members(self) -> sp.csr_array:
+        """(F, N) sparse 0/1: which normals bound which friction."""
+        normal = np.flatnonzero(self.friction_of >= 0)
+        shape = (len(self.frictions), len(self.normals))
+        return sp.csr_array((np.ones(normal.size), (self.friction_of[normal], normal)), shape=shape)
 
     def features(self, frictions: Indices, order: Indices) -> Indices:
         """`ContactQP.feature` of all normals and the given frictions, in `order`."""
-        rows = [self.geometry.feature(place, 0) for place in self.places]
-        rows += [self.geometry.feature(self.places[self._first[j]], 1) for j in frictions]
-        return np.array(rows, dtype=np.int64).reshape(-1, 5)[order]
+        tangential = self._feature[self._first[frictions]]
+        tangential[:, 4] = 1
+        return np.concatenate([self._feature, tangential])[order]
 
 
-def _scatter(m: int, bodies: Indices, entries: Vector) -> sp.csc_array:
-    """Columns with `entries` (N, 6) in the rows of their two bodies; the ground has none."""
-    count = len(bodies)
-    rows = 3 * np.repeat(bodies, 3, axis=1) + np.tile(np.arange(3), 2)
-    moving = np.repeat(bodies != GROUND, 3, axis=1)
-    where = np.broadcast_to(np.arange(count)[:, None], rows.shape)
-    return sp.csc_array((entries[moving], (rows[moving], where[moving])), shape=(m, count))
+def _sparse(entries: Vector, bodies: Indices, D: Vector) -> sp.csc_array:
+    return sp.csc_array(sparse_columns(entries, bodies, D), shape=(D.size, len(bodies)))
+
+
+def _matrix(entries: Vector, bodies: Indices, D: Vector) -> Matrix:
+    if D.size * len(bodies) <= DENSE_ENTRIES:
+        return dense_columns(entries, bodies, D)
+    return _sparse(entries, bodies, D)
 
 
 def scaled_columns(G: sp.csc_array, D: Vector) -> Matrix:
-    """A = D⁻ᵀ G, dense unless it is large.
-
-    Entries that happen to be 0 stay in the pattern, which is that of the contact graph.
-    """
+    """A = D⁻ᵀ G, dense unless it is large."""
     A = sp.csc_array((G.data / D[G.indices], G.indices, G.indptr), shape=G.shape)
     return A.toarray() if A.shape[0] * A.shape[1] <= DENSE_ENTRIES else A

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -66,6 +67,25 @@ class Contact:
     friction: Friction | None = None
 
 
+class ActiveSet(NamedTuple):
+    """J_N and J_F in the order of row_id, in arrays.
+
+    place : (N, 3) corner, part, edge;  feature : (N, 5), see `ContactQP`
+    friction_of : (N,) index of the friction that a normal bounds, or −1
+    first : (F,) index of the first normal of a friction's contact;  mu : (F,)
+    """
+
+    normals: list[Normal]
+    frictions: list[Friction]
+    normal_ids: Indices
+    friction_ids: Indices
+    place: Indices
+    feature: Indices
+    friction_of: Indices
+    first: Indices
+    mu: Vector
+
+
 class ConstraintGraph:
     """Active constraints J_N, J_FO, J_FW and the candidates around them."""
 
@@ -78,9 +98,11 @@ class ConstraintGraph:
         self.frictions: dict[int, Friction] = {}
         self.level: dict[tuple[int, int], float] = {}
         self._next_row_id = 0
+        self._active: ActiveSet | None = None
         self._margin = 0.25 / 1e-3 * geometry.contact_tol
         self._listed_at: Vector | None = None
         self._candidates = (np.zeros(0, np.int64), np.zeros(0, np.int64))
+        self._free: tuple[ActiveSet, Indices, Indices] | None = None
 
     # --- constraints -----------------------------------------------------------------------------
 
@@ -132,11 +154,13 @@ class ConstraintGraph:
             contact.friction = Friction(self._new_row_id(), contact)
             self.frictions[contact.friction.row_id] = contact.friction
         self.level.pop((corner, part), None)
+        self._active = None
         return normal
 
     def remove(self, normal: Normal, clearance: float) -> None:
         """Deactivate a constraint; the corner's reference level becomes min(0, clearance)."""
         contact = normal.contact
+        self._active = None
         contact.normals.remove(normal)
         del self.normals[normal.row_id]
         if clearance < 0:
@@ -151,13 +175,44 @@ class ConstraintGraph:
         for body in {int(self.geometry.part_body[p]) for p in contact.pair}:
             self.of_body[body].remove(contact)
 
+    def hand_over(self, normal: Normal, place: tuple[int, int, int]) -> None:
+        """Let another corner and edge carry a constraint."""
+        normal.corner, normal.part, normal.edge = place
+        self._active = None
+
     def active(self) -> list[Normal]:
         """J_N in the order of row_id."""
-        return [self.normals[i] for i in sorted(self.normals)]
+        return self.active_set().normals
 
     def active_frictions(self) -> list[Friction]:
         """J_F = J_FO ∪ J_FW in the order of row_id."""
-        return [self.frictions[i] for i in sorted(self.frictions)]
+        return self.active_set().frictions
+
+    def active_set(self) -> ActiveSet:
+        """Both, with their arrays; made anew when a constraint comes, goes or is handed over."""
+        if self._active is None:
+            normals = [self.normals[i] for i in sorted(self.normals)]
+            frictions = [self.frictions[i] for i in sorted(self.frictions)]
+            index = {normal.row_id: i for i, normal in enumerate(normals)}
+            number = {friction.row_id: j for j, friction in enumerate(frictions)}
+            rubs = (n.contact.friction for n in normals)
+            place = np.array([n.place for n in normals], dtype=np.int64).reshape(-1, 3)
+            self._active = ActiveSet(
+                normals,
+                frictions,
+                normal_ids=np.array(list(index), dtype=np.int64),
+                friction_ids=np.array(list(number), dtype=np.int64),
+                place=place,
+                feature=self.geometry.features(place),
+                friction_of=np.array(
+                    [-1 if f is None else number[f.row_id] for f in rubs], dtype=np.int64
+                ),
+                first=np.array(
+                    [index[f.contact.normals[0].row_id] for f in frictions], dtype=np.int64
+                ),
+                mu=np.array([f.contact.mu for f in frictions]),
+            )
+        return self._active
 
     # --- candidates ------------------------------------------------------------------------------
 
@@ -171,12 +226,14 @@ class ConstraintGraph:
         if not moved <= self._margin / 2:
             reach = max(self._margin, 2.5 * self._largest_motion(before, after))
             self._list_candidates(before, reach)
-        corner, part = self._candidates
-        busy = {(n.corner, n.part) for n in self.normals.values()}
-        if not busy:
-            return corner, part
-        free = np.array([pair not in busy for pair in zip(corner, part, strict=True)], dtype=bool)
-        return corner[free], part[free]
+        active = self.active_set()
+        if self._free is None or self._free[0] is not active:
+            corner, part = self._candidates
+            parts = len(self.geometry.part_body)
+            busy = active.place[:, 0] * parts + active.place[:, 1]
+            free = ~np.isin(corner * parts + part, busy)
+            self._free = active, corner[free], part[free]
+        return self._free[1:]
 
     def levels(self, corner: Indices, part: Indices) -> Vector:
         """Reference level of each candidate, (N,) ≤ 0."""
@@ -212,5 +269,6 @@ class ConstraintGraph:
             near = geometry.clearance(pose, corner, part) <= margin
             corner, part = corner[near], part[near]
         self._candidates = (corner, part)
+        self._free = None
         self._listed_at = q
         self.level = {pair: level for pair, level in self.level.items() if level < 0}

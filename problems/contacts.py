@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from problems.bodies import GROUND, Body
+from problems.contact_kernels import clearances, contact_columns, edge_distances, place_corners
 from problems.qp import Indices, Vector
 from problems.shapes import cross, rotate_quarter
 
@@ -86,12 +87,11 @@ class Geometry:
         self.part_body = np.array([b for b, _ in parts] + [GROUND] * len(ground), dtype=np.int64)
         self.part_size = np.array([len(p) for _, p in parts] + [0] * len(ground), dtype=np.int64)
         self.part_first = np.concatenate([[0], np.cumsum(self.part_size)[:-1]]).astype(np.int64)
+        self.n_moving = len(parts)
         self.corner_part = np.repeat(np.arange(n_parts), self.part_size)
         self.corner_body = self.part_body[self.corner_part]
         self.corner_local = np.concatenate([p for _, p in parts] or [np.zeros((0, 2))])
-        first_of_body = np.full(self.n_bodies + 1, len(self.corner_body))
-        for corner in range(len(self.corner_body) - 1, -1, -1):
-            first_of_body[self.corner_body[corner]] = corner
+        first_of_body = np.searchsorted(self.corner_body, np.arange(self.n_bodies + 1))
         self.corner_number = np.arange(len(self.corner_body)) - first_of_body[self.corner_body]
         self.body_first_corner = first_of_body
         # an edge that a part does not have is never the farthest: offset +inf, so φ = −inf
@@ -113,63 +113,43 @@ class Geometry:
             self.edge_offset[p, 0] = normal @ plane.point
             self.edge_origin[p, 0] = plane.point
             self.edge_length[p, 0] = np.inf
+        self.edge_start = (rotate_quarter(self.edge_normal) * self.edge_origin).sum(axis=2)
         finite = self.edge_length[np.isfinite(self.edge_length) & (self.edge_length > 0)]
         self.contact_tol = CONTACT_TOL * (float(finite.min()) if finite.size else 1.0)
         self.radius = np.array([body.radius for body in bodies])
 
     def pose(self, q: Vector) -> Pose:
         """Place everything at q (3n,)."""
-        state = np.zeros((self.n_bodies + 1, 3))
-        state[:-1] = q.reshape(-1, 3)
-        cosine, sine = np.cos(state[:, 2]), np.sin(state[:, 2])
-        b, local = self.corner_body, self.corner_local
-        corners = np.empty_like(local)
-        corners[:, 0] = state[b, 0] + cosine[b] * local[:, 0] - sine[b] * local[:, 1]
-        corners[:, 1] = state[b, 1] + sine[b] * local[:, 0] + cosine[b] * local[:, 1]
-        return Pose(corners, state[:, :2], cosine, sine)
+        return Pose(*place_corners(np.ascontiguousarray(q), self.corner_body, self.corner_local))
 
     def distances(self, pose: Pose, corner: Indices, part: Indices) -> Vector:
         """φ of each corner against every edge of its part, (N, E); −inf where there is no edge."""
-        b = self.part_body[part]
-        away = pose.corners[corner] - pose.centres[b]
-        local_x = pose.cosine[b] * away[:, 0] + pose.sine[b] * away[:, 1]
-        local_y = pose.cosine[b] * away[:, 1] - pose.sine[b] * away[:, 0]
-        normal = self.edge_normal[part]
-        return (
-            normal[..., 0] * local_x[:, None]
-            + normal[..., 1] * local_y[:, None]
-            - self.edge_offset[part]
+        return edge_distances(
+            *pose, corner, part, self.part_body, self.edge_normal, self.edge_offset
         )
 
     def clearance(self, pose: Pose, corner: Indices, part: Indices) -> Vector:
         """max_e φ_e of each corner against its part, (N,) [m]; negative inside."""
-        return self.distances(pose, corner, part).max(axis=1)
+        return clearances(*pose, corner, part, self.part_body, self.edge_normal, self.edge_offset)
 
     def columns(self, pose: Pose, corner: Indices, part: Indices, edge: Indices) -> Columns:
         """Constraint functions and columns of N corner–edge pairs."""
-        a, b = self.corner_body[corner], self.part_body[part]
-        local = self.edge_normal[part, edge]
-        c, s = pose.cosine[b], pose.sine[b]
-        n = np.stack([c * local[:, 0] - s * local[:, 1], s * local[:, 0] + c * local[:, 1]], axis=1)
-        tau = rotate_quarter(n)
-        point = pose.corners[corner]
-        arm_a, arm_b = point - pose.centres[a], point - pose.centres[b]
-        phi = (n * arm_b).sum(axis=1) - self.edge_offset[part, edge]
-        normal = np.column_stack([n, cross(arm_a, n), -n, -cross(arm_b, n)])
-        tangent = np.column_stack([tau, cross(arm_a, tau), -tau, -cross(arm_b, tau)])
-        origin = self.edge_origin[part, edge]
-        tau_local = rotate_quarter(local)
-        along = (tau * arm_b).sum(axis=1) - (tau_local * origin).sum(axis=1)
-        return Columns(
-            phi,
-            normal,
-            tangent,
-            np.column_stack([a, b]),
-            point,
-            along,
-            self.edge_length[part, edge],
-            tau,
+        return self.columns_at(pose, np.column_stack([corner, part, edge]))
+
+    def columns_at(self, pose: Pose, places: Indices) -> Columns:
+        """The same for places (N, 3): corner, part, edge."""
+        phi, along, normal, tangent, bodies, direction = contact_columns(
+            *pose,
+            places,
+            self.corner_body,
+            self.part_body,
+            self.edge_normal,
+            self.edge_offset,
+            self.edge_start,
         )
+        length = self.edge_length[places[:, 1], places[:, 2]]
+        point = pose.corners[places[:, 0]]
+        return Columns(phi, normal, tangent, bodies, point, along, length, direction)
 
     def depth_below(self, pose: Pose, part: int, edge: int, other: int) -> float:
         """min over the corners of part `other` of φ against one edge: > 0 if the edge separates."""
@@ -232,7 +212,7 @@ class Geometry:
 
         Sort and sweep along x; the ground's half planes are tested against every part.
         """
-        n_moving = int((self.part_body != GROUND).sum())
+        n_moving = self.n_moving
         if n_moving == 0:
             return []
         low = np.minimum.reduceat(pose.corners, self.part_first[:n_moving], axis=0) - margin / 2
@@ -261,12 +241,16 @@ class Geometry:
                     best = max(best, self.depth_below(pose, part, edge, other))
         return -best
 
+    def features(self, places: Indices) -> Indices:
+        """Rows of `ContactQP.feature` of the normals at places (N, 3), (N, 5)."""
+        corner, part, edge = places.T
+        body = self.part_body[part]
+        own_edge = self.part_first[part] + edge - self.body_first_corner[body]
+        number = np.where(body == GROUND, part - self.n_moving, own_edge)
+        zero = np.zeros_like(corner)
+        columns = [self.corner_body[corner], self.corner_number[corner], body, number, zero]
+        return np.column_stack(columns)
+
     def feature(self, place: tuple[int, int, int], direction: int) -> tuple[int, ...]:
         """Row of `ContactQP.feature` for a (corner, part, edge)."""
-        corner, part, edge = place
-        b = int(self.part_body[part])
-        if b == GROUND:
-            number = int(part - (self.part_body != GROUND).sum())
-        else:
-            number = int(self.part_first[part]) + edge - int(self.body_first_corner[b])
-        return int(self.corner_body[corner]), int(self.corner_number[corner]), b, number, direction
+        return (*self.features(np.array([place]))[0, :4].tolist(), direction)

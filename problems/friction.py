@@ -25,6 +25,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from problems.assembly import Assembly
+from problems.contact_kernels import compliances
 from problems.qp import Indices, Vector
 
 FrictionRule = Literal["paper", "corrected"]
@@ -51,12 +52,11 @@ def spring_multipliers(
     h: float,
 ) -> Vector:
     """λ_* (N,) by the spring of (4.4), with q, q̇ and f of t_{n−1}."""
-    corner, part, edge = assembly.place.T
     q_star = q + h * v + 0.5 * h * h * inverse_mass * f
     geometry = assembly.geometry
-    now = geometry.columns(geometry.pose(q), corner, part, edge).phi
-    then = geometry.columns(geometry.pose(q_star), corner, part, edge).phi
-    compliance = assembly.G_N.multiply(inverse_mass[:, None] * assembly.G_N).sum(axis=0)
+    now = geometry.columns_at(geometry.pose(q), assembly.place).phi
+    then = geometry.columns_at(geometry.pose(q_star), assembly.place).phi
+    compliance = compliances(assembly.columns.normal, assembly.columns.bodies, inverse_mass)
     return np.maximum(0.0, -SPRING / (h * h * compliance) * (then - now))
 
 

@@ -26,12 +26,10 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from problems.assembly import Assembly
-from problems.qp import Vector
+from problems.qp import Indices, Matrix, Vector
 
 RIDGE = 1e-12
 """Fraction of the largest ‖a_j‖² added to the diagonal where contacts are redundant."""
-DENSE_COLUMNS = 100
-"""Systems of at most this order are solved dense."""
 AT_BOUND = 1e-9
 """Relative distance from its bound at which a friction force is at it."""
 
@@ -57,27 +55,41 @@ def newton_multipliers(
     v: Vector,
 ) -> Vector:
     """λ_* (N,) ≥ 0 of the next pass, from the one used and the λ_N, λ_F and q̇ that came of it."""
-    bound = assembly.mu * (assembly.members @ lam_star)
-    sigma = forced_signs(signs, lam_F, bound, assembly.G_F.T @ v)
+    sigma = forced_signs(signs, lam_F, assembly.bound(lam_star), assembly.slip_speed(v))
     normals = np.flatnonzero(lam_N > 0)
     inside = np.flatnonzero((signs == 0) & (sigma == 0))
     if normals.size == 0 or not sigma.any() or np.isinf(lam_star).any():
         return lam_N
-    scaled = sp.diags_array(1 / D)
-    S = sp.hstack([scaled @ assembly.G_N[:, normals], scaled @ assembly.G_F[:, inside]], "csc")
-    forced = scaled @ assembly.G_F @ (sp.diags_array(sigma * assembly.mu) @ assembly.members)
-    blank = sp.csc_array((S.shape[0], inside.size))
-    K = S.T @ (S + sp.hstack([forced.tocsc()[:, normals], blank]))
-    right = -(S.T @ (forced @ (lam_N - lam_star)))
-    ridge = RIDGE * (S * S).sum(axis=0).max() * sp.eye_array(S.shape[1])
+    S = assembly.scaled(normals, inside, D)
+    moved = assembly.friction_force(sigma * assembly.bound(lam_N - lam_star)) / D
     try:
-        if S.shape[1] <= DENSE_COLUMNS:
-            y = np.linalg.solve((K + ridge).toarray(), right)
-        else:
-            y = splu(sp.csc_matrix(K + ridge)).solve(right)
+        y = _solve(S, _forced(assembly, sigma, normals, D), -(S.T @ moved))
     except (np.linalg.LinAlgError, RuntimeError):  # a gain of exactly 1
         return lam_N
     fixed_point = lam_N.copy()
     fixed_point[normals] += y[: normals.size]
     least = -AT_BOUND * fixed_point.max()
     return np.maximum(0.0, fixed_point) if fixed_point.min() >= least else lam_N
+
+
+def _forced(assembly: Assembly, sigma: Vector, normals: Indices, D: Vector) -> Matrix:
+    """F T E: the friction force that a unit of each of these multipliers brings about."""
+    friction = assembly.friction_of[normals]
+    share = np.where(friction >= 0, (sigma * assembly.mu)[friction], 0.0)
+    columns = assembly.scaled(normals[:0], np.maximum(friction, 0), D)
+    return columns @ sp.diags_array(share) if sp.issparse(columns) else columns * share
+
+
+def _solve(S: Matrix, forced: Matrix, right: Vector) -> Vector:
+    """y of Sᵀ(S + [forced, 0]) y = right, with a ridge on the diagonal."""
+    order, count = S.shape[1], forced.shape[1]
+    if not sp.issparse(S):
+        K = S.T @ S
+        K.flat[:: order + 1] += RIDGE * K.diagonal().max()
+        K[:, :count] += S.T @ forced
+        return np.linalg.solve(K, right)
+    K = S.T @ S
+    blank = sp.csc_array((S.shape[0], order - count))
+    ridge = RIDGE * K.diagonal().max() * sp.eye_array(order)
+    K = K + S.T @ sp.hstack([sp.csc_array(forced), blank], format="csc") + ridge
+    return splu(sp.csc_matrix(K)).solve(right)

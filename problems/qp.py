@@ -17,6 +17,7 @@ Types in this module are frozen and own read-only arrays; they are safe to share
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum
 from functools import cached_property
@@ -157,7 +158,8 @@ class ContactQP:
             )
         if (self.lower == np.inf).any() or (self.upper == -np.inf).any():
             raise ValueError("lower may not be +inf and upper may not be -inf")
-        if np.unique(self.row_id).size != k:
+        in_order = bool((self.row_id[1:] > self.row_id[:-1]).all())
+        if not in_order and np.unique(self.row_id).size != k:
             raise ValueError("row_id holds a number twice; rows of one QP need distinct ids")
         if not (np.isfinite(self.D).all() and (self.D > 0).all()):
             raise ValueError("D must be positive and finite")
@@ -206,6 +208,12 @@ class ContactQP:
         """λ (or Λ = V x where the QP is posed by generators)."""
         x = np.asarray(x, float)
         return x.copy() if self.generators is None else self.generators @ x
+
+    def as_accepted(self) -> ContactQP:
+        """The same QP, of a step that was accepted."""
+        made = copy(self)
+        object.__setattr__(made, "accepted", True)
+        return made
 
     def with_accuracy(self, eps0: float) -> ContactQP:
         """The same QP, to be solved to ‖A δx‖ ≤ eps0."""

@@ -84,5 +84,5 @@ class QPSequence:
         """Everything solved since the last call belongs to a step that was accepted or rejected."""
         if accepted:
             for i in range(self._settled, len(self.qps)):
-                self.qps[i] = replace(self.qps[i], accepted=True)
+                self.qps[i] = self.qps[i].as_accepted()
         self._settled = len(self.qps)

@@ -217,7 +217,7 @@ class Stepper:
         self._record()
         F = self._external_impulse(0.0)
         assembly = Assembly(self.graph, self.q)
-        violated = (assembly.G_N.T @ self.history.v < -self.slowest_approach).any()
+        violated = (assembly.gap_speed(self.history.v) < -self.slowest_approach).any()
         if violated or F.any():
             self._impulse([], F)
         else:
@@ -248,7 +248,7 @@ class Stepper:
         """One accepted step, or one event where no time passes."""
         here = Assembly(self.graph, self.q)
         self._check_constraints(here)
-        slip_before = here.G_F.T @ self.history.v
+        slip_before = here.slip_speed(self.history.v)
         self._sort_signs(here, slip_before)
         path = self.history.path(self.q)
         signs = np.array([friction.sign for friction in here.frictions], dtype=np.float64)
@@ -375,7 +375,7 @@ class Stepper:
         for row_id, place in handed_over.items():
             normal = self.graph.normals[row_id]
             self._log("hand_over", f"{self._place_name(normal.place)} to {self._place_name(place)}")
-            normal.corner, normal.part, normal.edge = place
+            self.graph.hand_over(normal, place)
         corner, part = self.graph.candidates(before, self.q)
         if corner.size:
             clearance = self.graph.geometry.clearance(step.assembly.pose, corner, part)
@@ -503,7 +503,7 @@ class Stepper:
         """J_FW → J_FO at g_Fᵀq̇ = 0, for those that stopped and all that slip slower than ε."""
         assembly = Assembly(self.graph, self.q)
         for friction, speed in zip(
-            assembly.frictions, assembly.G_F.T @ self.history.v, strict=True
+            assembly.frictions, assembly.slip_speed(self.history.v), strict=True
         ):
             slow = friction in stopped or abs(speed) <= self.options.eps
             if friction.sign != 0 and slow:
@@ -538,7 +538,7 @@ class Stepper:
 
     def _drop_separating(self, assembly: Assembly, v: Vector, lam_N: Vector | None = None) -> None:
         """Step 4: contacts with λ = 0 and g_Nᵀq̇ > drop_tol leave J_N."""
-        speed = assembly.G_N.T @ v
+        speed = assembly.gap_speed(v)
         for i, normal in enumerate(assembly.normals):
             idle = lam_N is None or lam_N[i] <= 0
             if idle and speed[i] > self.options.drop_tol and normal.row_id in self.graph.normals:
@@ -547,7 +547,7 @@ class Stepper:
 
     def _sort_frictions(self, assembly: Assembly, v: Vector) -> None:
         """J_FO where |g_Fᵀq̇| ≤ ε, else J_FW with s = −sign(g_Fᵀq̇)."""
-        for friction, speed in zip(assembly.frictions, assembly.G_F.T @ v, strict=True):
+        for friction, speed in zip(assembly.frictions, assembly.slip_speed(v), strict=True):
             friction.sign = 0 if abs(speed) <= self.options.eps else -int(np.sign(speed))
 
     def _sort_signs(self, assembly: Assembly, slip: Vector) -> None:
@@ -558,7 +558,7 @@ class Stepper:
 
     def _check_constraints(self, assembly: Assembly) -> None:
         """g_Nᵀq̇ ≥ 0 must hold at the start of a step, to the accuracy of the QP."""
-        speed = assembly.G_N.T @ self.history.v
+        speed = assembly.gap_speed(self.history.v)
         if speed.size and speed.min() < -10 * self.options.eps:
             i = int(np.argmin(speed))
             raise SimulationError(

@@ -16,11 +16,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
-from problems.assembly import Assembly, scaled_columns
+from problems.assembly import Assembly
 from problems.friction import (
     FrictionRule,
     coulomb_rows,
@@ -29,7 +30,7 @@ from problems.friction import (
     spring_multipliers,
 )
 from problems.friction_passes import forced_signs, newton_multipliers
-from problems.minimum_norm import minimum_norm
+from problems.minimum_norm import minimum_norm, surely_independent
 from problems.multistep import History
 from problems.qp import Vector
 from problems.sequence import QPSequence
@@ -62,7 +63,7 @@ class VelocityStep:
     @property
     def slip_speed(self) -> Vector:
         """g_Fᵀq̇_n (F,)."""
-        return self.assembly.G_F.T @ self.v
+        return self.assembly.slip_speed(self.v)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,11 +119,12 @@ class VelocityEquations:
             lam_star = predicted_multipliers(assembly, known, h / history.h if history.h else 1.0)
         guess = history.predict(h) if self.velocity_dependent else history.v
         layout = _Layout(assembly, signs, self.D)
+        redundant = rubs and not surely_independent(layout.A)
         change_before = np.inf
         for number in range(1, MAX_PASSES + 1):
-            bound = assembly.mu * (assembly.members @ lam_star)
+            bound = assembly.bound(lam_star)
             driven = signs * np.where(slides, bound, 0.0)
-            pushed = self.forces(q, guess, t) + assembly.G_F @ driven
+            pushed = self.forces(q, guess, t) + assembly.friction_force(driven)
             c = h * inverse_mass * pushed + b
             stuck_bound = bound[layout.sticking]
             qp, solution = qps.solve(
@@ -141,7 +143,7 @@ class VelocityEquations:
             )
             x = np.asarray(solution.x)
             v = h / alpha0 * qp.residual(x) / self.D
-            if rubs:
+            if redundant:
                 x = minimum_norm(qps, qp, x, layout.coulomb if correct else None)
             lam_N, lam_F = layout.split(x)
             step = VelocityStep(
@@ -151,7 +153,7 @@ class VelocityEquations:
                 a=(alpha0 * v - b) / h,
                 lam_N=lam_N,
                 lam_F=lam_F + driven,
-                at_bound=forced_signs(signs, lam_F, bound, assembly.G_F.T @ v) != 0,
+                at_bound=forced_signs(signs, lam_F, bound, assembly.slip_speed(v)) != 0,
                 assembly=assembly,
                 passes=number,
             )
@@ -159,9 +161,11 @@ class VelocityEquations:
                 return step
             change = self.norm(v - guess) if self.velocity_dependent else 0.0
             if correct:
-                new_bound = assembly.mu * (assembly.members @ lam_N)
+                new_bound = assembly.bound(lam_N)
                 moved = force_change(assembly, signs, lam_F, bound, new_bound)
-                change += h / alpha0 * float(np.linalg.norm((assembly.G_F @ moved) / self.D))
+                change += (
+                    h / alpha0 * float(np.linalg.norm(assembly.friction_force(moved) / self.D))
+                )
             rate = change / change_before if number > 1 and change_before > 0 else FIRST_RATE
             # without friction the fixed point is a contraction or the step is too long
             if rate < 1 and (rate * change + h / alpha0 * eps0) / (1 - rate) <= 0.1 * self.eps:
@@ -183,11 +187,15 @@ class _Layout:
         self.order = np.argsort(ids, kind="stable")
         self.row_id = ids[self.order]
         self.feature = assembly.features(self.sticking, self.order)
-        G = sp.hstack([assembly.G_N, assembly.G_F[:, self.sticking]], format="csc")[:, self.order]
-        self.A = scaled_columns(G, D)
+        every = np.arange(len(assembly.normals))
+        self.A = assembly.scaled(every, self.sticking, D, self.order)
         self._n_normals = len(assembly.normals)
         self._n_frictions = len(assembly.frictions)
-        self.coulomb = coulomb_rows(assembly, self.sticking, self.order)
+        self._assembly = assembly
+
+    @cached_property
+    def coulomb(self) -> sp.csr_array:
+        return coulomb_rows(self._assembly, self.sticking, self.order)
 
     def column(self, normal: Vector, friction: Vector) -> Vector:
         return np.concatenate([normal, friction])[self.order]

@@ -164,6 +164,11 @@ def test_a_least_norm_that_changes_the_force_is_not_taken():
 # --- sparse: by a ridge and the method of multipliers --------------------------------------------
 
 
+@pytest.fixture
+def always_sparse(monkeypatch):
+    monkeypatch.setattr("problems.minimum_norm.MANY_COLUMNS", 0)
+
+
 def two_tables(rng, mu):
     """Loads on two rows of legs with friction between them: redundant, and its Coulomb rows."""
     legs = 6
@@ -187,6 +192,7 @@ def two_tables(rng, mu):
     return A, lam, lower, upper, C
 
 
+@pytest.mark.usefixtures("always_sparse")
 @pytest.mark.parametrize("with_rows", [False, True])
 @pytest.mark.parametrize("seed", range(8))
 def test_the_sparse_way_finds_the_same_multipliers(seed, with_rows):
@@ -201,6 +207,7 @@ def test_the_sparse_way_finds_the_same_multipliers(seed, with_rows):
         assert (C @ sparse).min() >= -1e-8
 
 
+@pytest.mark.usefixtures("always_sparse")
 def test_the_cone_matters_in_some_of_those_cases():
     broken = 0
     for seed in range(8):
@@ -210,6 +217,7 @@ def test_the_cone_matters_in_some_of_those_cases():
     assert broken >= 2
 
 
+@pytest.mark.usefixtures("always_sparse")
 def test_the_sparse_way_leaves_out_a_cone_without_that_force():
     A, lam, lower, upper, C = two_tables(np.random.default_rng(0), mu=0.4)
     lam[12:] *= 3  # far outside the cone
@@ -218,6 +226,7 @@ def test_the_sparse_way_leaves_out_a_cone_without_that_force():
     np.testing.assert_array_equal(kept, free)
 
 
+@pytest.mark.usefixtures("always_sparse")
 def test_the_sparse_way_leaves_fixed_rows_and_unique_answers_alone():
     A, lam, lower, upper, C = two_tables(np.random.default_rng(1), mu=0.4)
     lower[[0, 13]] = upper[[0, 13]] = lam[[0, 13]]

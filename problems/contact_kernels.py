@@ -1,0 +1,160 @@
+"""The arithmetic of contacts, compiled: places, clearances, constraint functions, columns.
+
+What the formulas mean is said in `problems.contacts`; a column is kept as its six entries
+for the body of the corner and the body of the edge, and the numbers of these two bodies, −1 for the
+ground, which does not move.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from problems.compiled import kernel
+
+
+@kernel
+def place_corners(q, body, local):
+    """Corners (C, 2), centres (n+1, 2), cos φ, sin φ (n+1,) at q (3n,); the last is the ground."""
+    n = q.size // 3
+    centres, cosine, sine = np.zeros((n + 1, 2)), np.ones(n + 1), np.zeros(n + 1)
+    for b in range(n):
+        centres[b, 0], centres[b, 1] = q[3 * b], q[3 * b + 1]
+        cosine[b], sine[b] = np.cos(q[3 * b + 2]), np.sin(q[3 * b + 2])
+    corners = np.empty_like(local)
+    for i in range(local.shape[0]):
+        b, x, y = body[i], local[i, 0], local[i, 1]
+        corners[i, 0] = centres[b, 0] + cosine[b] * x - sine[b] * y
+        corners[i, 1] = centres[b, 1] + sine[b] * x + cosine[b] * y
+    return corners, centres, cosine, sine
+
+
+@kernel
+def edge_distances(corners, centres, cosine, sine, corner, part, part_body, normal, offset):
+    """φ of each corner against every edge of its part, (N, E); −inf where there is no edge."""
+    phi = np.empty((corner.size, offset.shape[1]))
+    for i in range(corner.size):
+        p = part[i]
+        b = part_body[p]
+        x, y = corners[corner[i], 0] - centres[b, 0], corners[corner[i], 1] - centres[b, 1]
+        local_x, local_y = cosine[b] * x + sine[b] * y, cosine[b] * y - sine[b] * x
+        for e in range(offset.shape[1]):
+            phi[i, e] = normal[p, e, 0] * local_x + normal[p, e, 1] * local_y - offset[p, e]
+    return phi
+
+
+@kernel
+def clearances(corners, centres, cosine, sine, corner, part, part_body, normal, offset):
+    """max_e φ_e of each corner against its part, (N,)."""
+    phi = np.empty(corner.size)
+    for i in range(corner.size):
+        p = part[i]
+        b = part_body[p]
+        x, y = corners[corner[i], 0] - centres[b, 0], corners[corner[i], 1] - centres[b, 1]
+        local_x, local_y = cosine[b] * x + sine[b] * y, cosine[b] * y - sine[b] * x
+        most = -np.inf
+        for e in range(offset.shape[1]):
+            value = normal[p, e, 0] * local_x + normal[p, e, 1] * local_y - offset[p, e]
+            most = max(most, value)
+        phi[i] = most
+    return phi
+
+
+@kernel
+def contact_columns(
+    corners, centres, cosine, sine, places, corner_body, part_body, normal, offset, start
+):
+    """φ, along (N,), g_N, g_F (N, 6), bodies (N, 2), τ (N, 2) of places (N, 3)."""
+    count = places.shape[0]
+    phi, along = np.empty(count), np.empty(count)
+    g_N, g_F = np.empty((count, 6)), np.empty((count, 6))
+    bodies, direction = np.empty((count, 2), dtype=np.int64), np.empty((count, 2))
+    for i in range(count):
+        corner, p, e = places[i, 0], places[i, 1], places[i, 2]
+        a, b = corner_body[corner], part_body[p]
+        c, s = cosine[b], sine[b]
+        x, y = normal[p, e, 0], normal[p, e, 1]
+        nx, ny = c * x - s * y, s * x + c * y
+        ax, ay = corners[corner, 0] - centres[a, 0], corners[corner, 1] - centres[a, 1]
+        bx, by = corners[corner, 0] - centres[b, 0], corners[corner, 1] - centres[b, 1]
+        phi[i] = nx * bx + ny * by - offset[p, e]
+        along[i] = nx * by - ny * bx - start[p, e]
+        g_N[i, 0], g_N[i, 1], g_N[i, 2] = nx, ny, ax * ny - ay * nx
+        g_N[i, 3], g_N[i, 4], g_N[i, 5] = -nx, -ny, by * nx - bx * ny
+        g_F[i, 0], g_F[i, 1], g_F[i, 2] = -ny, nx, ax * nx + ay * ny
+        g_F[i, 3], g_F[i, 4], g_F[i, 5] = ny, -nx, -bx * nx - by * ny
+        bodies[i, 0], bodies[i, 1] = a, b
+        direction[i, 0], direction[i, 1] = -ny, nx
+    return phi, along, g_N, g_F, bodies, direction
+
+
+@kernel
+def column_speeds(entries, bodies, v):
+    """gᵀ v of each column, (N,)."""
+    speed = np.zeros(bodies.shape[0])
+    for i in range(bodies.shape[0]):
+        for side in range(2):
+            b = bodies[i, side]
+            if b >= 0:
+                for j in range(3):
+                    speed[i] += entries[i, 3 * side + j] * v[3 * b + j]
+    return speed
+
+
+@kernel
+def compliances(entries, bodies, inverse_mass):
+    """gᵀ M⁻¹ g of each column, (N,)."""
+    square = np.zeros(bodies.shape[0])
+    for i in range(bodies.shape[0]):
+        for side in range(2):
+            b = bodies[i, side]
+            if b >= 0:
+                for j in range(3):
+                    square[i] += entries[i, 3 * side + j] ** 2 * inverse_mass[3 * b + j]
+    return square
+
+
+@kernel
+def column_sum(entries, bodies, weights, m):
+    """Σ g weight, (m,)."""
+    total = np.zeros(m)
+    for i in range(bodies.shape[0]):
+        for side in range(2):
+            b = bodies[i, side]
+            if b >= 0:
+                for j in range(3):
+                    total[3 * b + j] += entries[i, 3 * side + j] * weights[i]
+    return total
+
+
+@kernel
+def dense_columns(entries, bodies, D):
+    """D⁻ᵀ G as a matrix (m, N)."""
+    A = np.zeros((D.size, bodies.shape[0]))
+    for i in range(bodies.shape[0]):
+        for side in range(2):
+            b = bodies[i, side]
+            if b >= 0:
+                for j in range(3):
+                    A[3 * b + j, i] = entries[i, 3 * side + j] / D[3 * b + j]
+    return A
+
+
+@kernel
+def sparse_columns(entries, bodies, D):
+    """D⁻ᵀ G in CSC: data, row indices in order, column pointers.  Zeros stay in the pattern."""
+    count = bodies.shape[0]
+    pointers = np.zeros(count + 1, dtype=np.int32)
+    for i in range(count):
+        pointers[i + 1] = pointers[i] + 3 * ((bodies[i, 0] >= 0) + (bodies[i, 1] >= 0))
+    data, rows = np.empty(pointers[count]), np.empty(pointers[count], dtype=np.int32)
+    for i in range(count):
+        at = pointers[i]
+        first = 0 if bodies[i, 0] <= bodies[i, 1] else 1
+        for side in (first, 1 - first):
+            b = bodies[i, side]
+            if b >= 0:
+                for j in range(3):
+                    rows[at] = 3 * b + j
+                    data[at] = entries[i, 3 * side + j] / D[3 * b + j]
+                    at += 1
+    return data, rows, pointers
