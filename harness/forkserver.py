@@ -167,50 +167,56 @@ class Server:
             self.babbled.add(pid)
         if word:
             honest = pid not in self.babbled and kind in (DONE, LOST)
-            self.tell(pid, kind.decode() if honest else "babbled", left=self.sweep(pid))
+            self.tell(pid, kind.decode() if honest else "babbled", left=self.end_forks(pid))
 
     def bury(self) -> None:
-        """Tell of the processes that have died, and kill what they have left behind."""
-        while True:
-            try:
-                pid, status = os.waitpid(-1, os.WNOHANG)
-            except ChildProcessError:
-                break
-            if pid == 0:
-                break
-            if pid in self.processes:
+        """Tell of the processes that have died, when what they have left behind is dead as well."""
+        with contextlib.suppress(ChildProcessError):
+            while (found := os.waitpid(-1, os.WNOHANG))[0]:
+                pid, status = found
+                if pid not in self.processes:
+                    continue
                 self.hear(pid)  # its last word
                 self.processes.pop(pid).close()
                 _kill_session(pid)
+                self.end_orphans()
                 self.tell(pid, "dead", code=os.waitstatus_to_exitcode(status))
-        self.sweep()
 
     def kill(self, pid: int) -> None:
         """Kill a process and its session; `bury` tells when it is dead."""
         if pid in self.processes:
-            os.kill(pid, signal.SIGKILL)
+            _kill(pid)
             _kill_session(pid)
 
     def kill_all(self) -> None:
         """Kill everything and wait for it."""
         for pid in self.processes:
             self.kill(pid)
-        self.sweep()
-        with contextlib.suppress(ChildProcessError):
-            while True:
-                os.waitpid(-1, 0)
-                self.sweep()
+        for pid in self.processes:
+            os.waitpid(pid, 0)
+        self.processes.clear()
+        self.end_orphans()
 
-    def sweep(self, pid: int = 0) -> int:
+    def end_forks(self, pid: int) -> int:
         """Kill what process `pid` has forked, and all orphans; returns how many there were."""
-        us, left = os.getpid(), 0
-        for child, parent in _parents().items():
-            orphan = parent == us and child not in self.processes
-            if orphan or (pid and parent == pid):
-                left += 1
-                with contextlib.suppress(ProcessLookupError):
-                    os.kill(child, signal.SIGKILL)
-        return left
+        children = [child for child, parent in _parents().items() if parent == pid]
+        for child in children:
+            _kill(child)
+        return len(children) + self.end_orphans()
+
+    def end_orphans(self) -> int:
+        """Kill orphans of processes, and theirs, until there are none; returns how many."""
+        count = 0
+        while orphans := [
+            child
+            for child, parent in _parents().items()
+            if parent == os.getpid() and child not in self.processes
+        ]:
+            for orphan in orphans:
+                _kill(orphan)
+                os.waitpid(orphan, 0)
+            count += len(orphans)
+        return count
 
     def _become(self, link: socket.socket, task: dict[str, Any]) -> NoReturn:
         """Turn the fork into a live process; it never returns."""
@@ -325,6 +331,11 @@ def _parents() -> dict[int, int]:
                 if state != b"Z":
                     parents[int(entry)] = int(parent)
     return parents
+
+
+def _kill(pid: int) -> None:
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGKILL)
 
 
 def _kill_session(leader: int) -> None:

@@ -99,7 +99,7 @@ class Block:
         self._alone = after_restart(recording.qps)
         self._live: OrderedDict[Task, Process] = OrderedDict()
         self._server: Server | None = None
-        self._sheet: Sheet
+        self._sheet: Sheet  # together with the server
 
     def __enter__(self) -> Block:
         return self
@@ -206,6 +206,7 @@ class Block:
             self._live.clear()
             self._sheet.close()
         self._sheet = Sheet(current.folder / "sheet", self._layout)
+        self._server = current
         current.order(
             "load",
             recording=str(self._path),
@@ -215,7 +216,6 @@ class Block:
             time_limit=self._limits.time,
         )
         current.await_event("loaded")
-        self._server = current
 
     def _watch(
         self, process: Process, first: int, budget: float | None, advance: Callable[[int], None]

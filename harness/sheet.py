@@ -121,7 +121,11 @@ class Sheet:
     def __init__(self, path: Path, layout: Layout) -> None:
         self.path, self._layout = path, layout
         self._file = open(path, "w+b", buffering=0)  # noqa: SIM115 (closed by `close`)
-        self.clear()
+        try:
+            self.clear()
+        except OSError:
+            self.close()
+            raise
 
     def clear(self) -> None:
         """No QP is under way and none is answered."""

@@ -174,11 +174,10 @@ def interrupts(qp: ContactQP) -> None:
     raise KeyboardInterrupt
 
 
-@crime("crashed", "SIGABRT: .*the last line$")
+@crime("crashed", r"SIGABRT: more and more \| more and more \| the last line$")
 def screams_and_aborts(qp: ContactQP) -> None:
-    for _ in range(3000):
-        os.write(1, b"x" * 1000 + b"\n")
-        os.write(2, b"y" * 1000 + b"\n")
+    for _ in range(30):
+        os.write(1, b"more and more\n" * 10_000)
     os.write(2, b"the last line\n")
     os.abort()
 
@@ -244,6 +243,16 @@ def forks(qp: ContactQP) -> None:
     for _ in range(3):
         if os.fork() == 0:
             _sleep_deaf()
+
+
+@crime("crashed", "left processes of its own behind: 3", at_the_end=True)
+def forks_forks(qp: ContactQP) -> None:
+    """A bomb, but for its end: 7 processes."""
+    us = os.getpid()
+    for _ in range(3):
+        os.fork()
+    if os.getpid() != us:
+        _sleep_deaf()
 
 
 @crime("crashed", "left processes of its own behind: 1", at_the_end=True)

@@ -88,6 +88,16 @@ def test_an_impulse_does_not_break_the_chain() -> None:
     assert (third.row_id == qps[0].row_id).all()
 
 
+def test_a_pass_that_begins_in_the_middle_has_no_predecessor() -> None:
+    made = fake_recording(length=6)
+    outcomes, times = run_pass(Right(), made.qps, arm="warm", first=1)
+    assert [qp.t for qp, _ in Right.starts] == [qp.t for qp in made.qps[1:]]
+    # QP 3 is a restart.
+    assert [o.warm_started for o in outcomes[:5]] == [False, True, False, True, True]
+    assert [o.after_restart for o in outcomes[:5]] == [True, False, True, False, False]
+    assert np.isnan(times[0]).all() and np.isfinite(times[1:]).all()
+
+
 def test_cold_arms_get_no_start_and_rows_tell_the_restarts() -> None:
     rows = replay(fake_recording(length=6), ["right"], repeats=1)
     cold, warm = (rows[rows["arm"] == arm].set_index("step") for arm in ("cold", "warm"))
