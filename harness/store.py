@@ -22,9 +22,10 @@ from __future__ import annotations
 
 import json
 import os
+import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -139,6 +140,26 @@ class Store:
         path, content = self._path(shard.key), shard_bytes(shard)
         with self._written(path):
             write_whole(path, content)
+
+    def adopt(self, name: str, content: bytes) -> None:
+        """File a shard that another machine has made, over one of the same name.
+
+        Raises StoreError where it is damaged.
+        """
+        with tempfile.TemporaryDirectory() as elsewhere:
+            arrived = Path(elsewhere) / Path(name).name
+            arrived.write_bytes(content)
+            path = self._path(read_shard(arrived).key)
+        with self._written(path):
+            write_whole(path, content)
+
+    def holds(self, key: ShardKey) -> bool:
+        """Whether there is a shard of this key, on whatever machine it was made."""
+        path = self._path(key)
+        if not path.exists():
+            return False
+        made = read_shard(path).key
+        return replace(made, machine=key.machine) == key
 
     def write_study(self, description: Mapping[str, Any]) -> None:
         """Write study.json: machine, versions, arguments."""

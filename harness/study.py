@@ -17,11 +17,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from harness.cluster import replayer
 from harness.facts import SETTINGS
 from harness.machine import library_versions, machine, problems_version, solver_version
 from harness.record import Progress, record
 from harness.recording import Recording, RecordingError, read_recording, write_recording
-from harness.replay import ARMS, replay
+from harness.starts import ARMS
 from harness.store import Store
 from problems import scene as make_scene
 from solvers import available_solvers, describe
@@ -144,8 +145,16 @@ def _is_current(recording: Recording, scene: Any, until: float | None) -> bool:
     return recording.code_version == code and kept.get("run.until") == end and same
 
 
-def run_study(plan: Plan, results: Path, *, progress: Progress | None = None) -> list[Recording]:
+def run_study(
+    plan: Plan,
+    results: Path,
+    *,
+    cluster: str | int | None = None,
+    progress: Progress | None = None,
+) -> list[Recording]:
     """Record and replay; the report is the command line's to call, since it is another package's.
+
+    cluster : address of a Dask scheduler, or a number of workers to start here; None: neither
 
     Raises ValueError for a plan without scenes or with unknown ones, before anything is written,
     and else as `record` and `replay` do.  Whatever was finished before an interruption is kept.
@@ -170,16 +179,17 @@ def run_study(plan: Plan, results: Path, *, progress: Progress | None = None) ->
         record_into(results / "recordings", label, until=plan.until, progress=progress)
         for label in plan.scenes
     ]
-    replay(
-        recordings,
-        solvers,
-        plan.settings,
-        plan.arms,
-        results=results,
-        repeats=plan.repeats,
-        time_limit=plan.time_limit,
-        slow_pass=plan.slow_pass,
-        study=plan.identity,
-        progress=progress,
-    )
+    with replayer(cluster) as replay:
+        replay(
+            recordings,
+            solvers,
+            plan.settings,
+            plan.arms,
+            results=results,
+            repeats=plan.repeats,
+            time_limit=plan.time_limit,
+            slow_pass=plan.slow_pass,
+            study=plan.identity,
+            progress=progress,
+        )
     return recordings

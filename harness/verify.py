@@ -13,10 +13,11 @@ from pathlib import Path
 
 import pandas as pd
 
+from harness.cluster import replayer
 from harness.expected_misses import ACCURATE_CLASS, EXPECTED, SCENES
 from harness.record import Progress
 from harness.recording import Recording
-from harness.replay import replay
+from harness.starts import ARMS
 
 VERIFY_SETTINGS = ("paper", "high")
 TIME_LIMIT = 60.0
@@ -28,21 +29,26 @@ def verify(
     solvers: Sequence[str],
     *,
     results: str | Path | None = None,
+    cluster: str | int | None = None,
     progress: Progress | None = None,
 ) -> pd.DataFrame:
     """Replay and count misses.
 
+    cluster : address of a Dask scheduler, or a number of workers to start here; None: neither
+
     Returns the table of `misses`.  Raises as `harness.replay.replay` does.
     """
-    rows = replay(
-        recordings,
-        solvers,
-        VERIFY_SETTINGS,
-        results=results,
-        repeats=1,
-        time_limit=TIME_LIMIT,
-        progress=progress,
-    )
+    with replayer(cluster, timed=False) as replay:
+        rows = replay(
+            recordings,
+            solvers,
+            VERIFY_SETTINGS,
+            ARMS,
+            results=results,
+            repeats=1,
+            time_limit=TIME_LIMIT,
+            progress=progress,
+        )
     return misses(rows)
 
 

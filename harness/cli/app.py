@@ -61,6 +61,16 @@ Solvers = Annotated[
         "all: every backend that is installed; forms: the packages in each form that they take"
     ),
 ]
+Workers = Annotated[
+    int | None,
+    typer.Option(
+        min=1, help="spread the replay over so many processes (needs Dask); they share this machine"
+    ),
+]
+Cluster = Annotated[
+    str | None,
+    typer.Option(metavar="ADDRESS", help="or over a Dask cluster, such as tcp://10.0.0.1:8786"),
+]
 
 
 def told(command: Command) -> Command:
@@ -130,6 +140,13 @@ def chosen_solvers(text: str) -> list[str]:
         if not info.available:
             typer.echo(f"skipped: {info.name} is not installed ({info.reason})", err=True)
     return [info.name for info in known if info.available]
+
+
+def cluster_of(workers: int | None, cluster: str | None) -> str | int | None:
+    """What `harness.cluster.replayer` takes, of the two options."""
+    if workers is not None and cluster is not None:
+        raise ValueError("--workers and --cluster: give one of them")
+    return workers if cluster is None else cluster
 
 
 def output_file(path: Path | None, suffixes: tuple[str, ...], option: str) -> Path | None:

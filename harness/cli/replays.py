@@ -7,7 +7,18 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.app import Files, Solvers, app, chosen_solvers, split_names, terminal, told
+from harness.cli.app import (
+    Cluster,
+    Files,
+    Solvers,
+    Workers,
+    app,
+    chosen_solvers,
+    cluster_of,
+    split_names,
+    terminal,
+    told,
+)
 from harness.cli.simulation import recorded
 
 
@@ -22,8 +33,7 @@ def replay(
     arms: Annotated[
         str,
         typer.Option(
-            help="of cold, warm, exact, extrapolated, previous, stale5, stale20, corrupted, "
-            "shuffled"
+            help="of cold, warm, exact, extrapolated, stale5, stale20, corrupted, bare, shuffled"
         ),
     ] = "cold,warm",
     repeats: Annotated[int, typer.Option(min=1, help="timed passes of each run")] = 3,
@@ -91,6 +101,8 @@ def verify(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="keep and continue the results there")
     ] = None,
+    workers: Workers = None,
+    cluster: Cluster = None,
 ) -> None:
     """Does every backend reproduce the same Gλ? Exit 1 and a table if not.
 
@@ -111,7 +123,13 @@ def verify(
         with tempfile.TemporaryDirectory() as folder:
             recordings = [made for made, _ in recorded(None, None, {}, Path(folder))]
     with shown("verify", terminal(err=True)) as tell:
-        lines = verify_all(recordings, names, results=output, progress=tell)
+        lines = verify_all(
+            recordings,
+            names,
+            results=output,
+            cluster=cluster_of(workers, cluster),
+            progress=tell,
+        )
     missed, broken = lines[lines["missed"] > 0], lines[~lines["holds"]]
     console = terminal()
     if len(missed):

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.app import app, chosen_solvers, terminal, told
+from harness.cli.app import Cluster, Workers, app, chosen_solvers, cluster_of, terminal, told
 
 
 @app.command()
@@ -43,10 +43,15 @@ def study(
     results: Annotated[
         Path | None, typer.Option(help="folder; default: results, or results/quick")
     ] = None,
+    workers: Workers = None,
+    cluster: Cluster = None,
 ) -> None:
     """Record the scenes, replay them through every backend, and report.
 
     An interrupted study continues where it stopped. The report is RESULTS/report/index.html.
+
+    With --cluster or --workers, what is compared in time stays together: one scene at one accuracy
+    is one job, done by one worker.
     """
     from dataclasses import replace as with_changes
 
@@ -64,7 +69,7 @@ def study(
     folder = results or Path("results/quick" if quick else "results")
     console = terminal(err=True)
     with shown("study", console) as tell:
-        run_study(plan, folder, progress=tell)
+        run_study(plan, folder, cluster=cluster_of(workers, cluster), progress=tell)
     with console.status("drawing the report"):
         page = write_report(folder, folder / "report")
     rows = read_results(folder)
