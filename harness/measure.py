@@ -158,7 +158,7 @@ def run_pass(
     of all (n, 4) [s]: build, setup, solve, call; NaN where unknown.
     Raises ValueError for an unknown arm.
     """
-    starts = Starts(arm, qps, references, first)
+    starts = Starts(solver, arm, qps, references, first)
     outcomes: dict[int, Outcome] = {}
     times = np.full((len(qps), 4), np.nan)
     solution: Solution | None

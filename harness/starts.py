@@ -3,16 +3,18 @@
     cold          nothing
     warm          the solver's own last solution, with whatever memory the solver put into it
 
-Beside them are arms that differ in the quality of the start alone:
+Beside them are arms that differ from `warm` in one thing, the quality of x and of the working set:
 
-    exact         the reference's x and working set: what does it cost to verify an answer?
-    extrapolated  own last x, continued linearly in t from the last solution of an earlier time
-    previous      own last solution
-    stale5        own solution of 5 QPs ago
-    stale20       own solution of 20 QPs ago
-    corrupted     own last solution, x moved by ‖x‖ in a random direction, working set at random
-    shuffled      own last solution, the QPs visited in random order: a sequence in which a start
-                  should *not* help
+    exact         those of the reference: what does it cost to verify an answer?
+    extrapolated  the last x, continued linearly in t from the last solution of an earlier time
+    stale5        those of the solver's own solution of 5 QPs ago
+    stale20       of 20 QPs ago
+    corrupted     the last x moved by ‖x‖ in a random direction, the working set at random
+
+and two that check on the method:
+
+    bare          as warm, without memory: what is memory worth, and what x and the working set?
+    shuffled      as warm, the QPs visited in random order: a start should *not* help
 
 What holds for all of them:
 
@@ -20,15 +22,13 @@ What holds for all of them:
    within one stretch between restarts; the first of a stretch is cold in every arm, and so are
    impulses and minimum-norm problems.  `shuffled` knows no stretches: it starts all but its first.
 2. Rows are mapped by `row_id`, and x is clipped to today's bounds, by the solver (`solvers.base`).
-3. **Memory** (a native workspace, a factorization, multipliers) travels with the solution that it
-   belongs to, so in `warm` alone.  The other arms hand over x and the working set and nothing else:
-   what a solver keeps in its own memory is the solution that is to be replaced (DAQP's workspace
-   holds its working set), and an arm with a spared set-up is not comparable to one without.  So
-   `previous` against `warm` tells what memory is worth, and the others against `previous` and
-   `cold`, all set up afresh, what a start is.  A method that wants multipliers takes −Δ of the x it
-   is given.  Solvers whose warm start carries no x (`carries_x`) have none of these arms.
+3. **Memory** (a native workspace, multipliers) is that of the last solve in every arm but `cold`
+   and `bare`: a start that spares a set-up is not comparable to one that does not.  Where x is
+   another's, the solver is told so before the clock is read, and makes its memory agree with it
+   (`Solver.adopt`): multipliers are −Δ of that x, an old R is dropped.  Solvers whose warm start
+   carries no x (`carries_x`) have none of the arms that replace it, and no `bare`.
 4. Where an arm cannot be had (fewer than 5 solutions yet, no reference), the solve is cold and not
-   counted as warm-started.  `extrapolated` is `previous` where time stood still.
+   counted as warm-started.  `extrapolated` is `warm` where time stood still.
 5. Everything random is seeded by the number of the QP, so that all solvers meet the same.
 """
 
@@ -82,7 +82,7 @@ class Moment(NamedTuple):
     past: Sequence[Past]
 
 
-def _back(count: int) -> Callable[[Moment], Solution | None]:
+def _stale(count: int) -> Callable[[Moment], Solution | None]:
     """Own solution of `count` QPs ago."""
     return lambda now: now.past[-count].solution if len(now.past) >= count else None
 
@@ -131,14 +131,12 @@ def corrupted(now: Moment) -> Solution | None:
 QUALITIES: dict[str, Callable[[Moment], Solution | None]] = {
     "exact": exact,
     "extrapolated": extrapolated,
-    "previous": _back(1),
-    "stale5": _back(5),
-    "stale20": _back(FARTHEST),
+    "stale5": _stale(5),
+    "stale20": _stale(FARTHEST),
     "corrupted": corrupted,
-    "shuffled": _back(1),
 }
-"""Arm → the start that it makes; best first, roughly."""
-EVERY_ARM = (*ARMS, *QUALITIES)
+"""Arm → the x and working set that replace the last ones; best first, roughly."""
+EVERY_ARM = (*ARMS, *QUALITIES, "bare", "shuffled")
 
 
 def carries_x(solver: type[Solver]) -> bool:
@@ -153,7 +151,7 @@ def has_arm(solver: type[Solver], arm: str) -> bool:
     """
     if arm not in EVERY_ARM:
         raise ValueError(f"arm {arm!r} is unknown; choose from {', '.join(EVERY_ARM)}")
-    if arm in QUALITIES:
+    if arm in QUALITIES or arm == "bare":
         return carries_x(solver)
     return arm == "cold" or solver.warm_start != "none"
 
@@ -187,6 +185,7 @@ class Starts:
 
     def __init__(
         self,
+        solver: Solver,
         arm: str,
         qps: Sequence[ContactQP],
         references: Sequence[Reference | None] | None = None,
@@ -199,7 +198,7 @@ class Starts:
         if first:
             grouped = (i for i in self.order[first:] if qps[i].kind in WARM_KINDS)
             self.alone[list(islice(grouped, 1))] = True
-        self._arm, self._qps = arm, qps
+        self._solver, self._arm, self._qps = solver, arm, qps
         self._references = references if references is not None else [None] * len(qps)
         self._make = QUALITIES.get(arm)
         self._last: Solution | None = None
@@ -213,20 +212,23 @@ class Starts:
         if self.alone[index] and self._arm != "shuffled":
             self._last = None
             self._past.clear()
-        if self._make is None:
-            return usable(self._last)
-        if not self._past:
+        last = usable(self._last)
+        if last is None or self._make is None:
+            return last
+        made = usable(self._make(Moment(index, qp, self._references[index], self._past)))
+        if made is None:
             return None
-        return usable(self._make(Moment(index, qp, self._references[index], self._past)))
+        return replace(made, memory=self._solver.adopt(last.memory, made))
 
     def take(self, index: int, solution: Solution | None) -> None:
         """The solver's own solution of QP `index`; None where it raised."""
         qp = self._qps[index]
-        if qp.kind not in WARM_KINDS:
+        if qp.kind not in WARM_KINDS or self._arm == "cold":
             return
-        if self._make is None:
-            self._last = solution if self._arm == "warm" else None
-        elif solution is None:
+        self._last = solution
+        if solution is None:
             self._past.clear()
-        else:
+        elif self._make is not None:
             self._past.append(Past(qp, replace(solution, memory=None)))
+        elif self._arm == "bare":
+            self._last = replace(solution, memory=None)

@@ -150,6 +150,14 @@ class Solver(abc.ABC):
     def read(self, qp: ContactQP, native: Any, result: Any) -> Answer:
         """Turn the package's result into an `Answer`."""
 
+    def adopt(self, memory: Any, start: Solution) -> Any:
+        """`memory` of this solver's last solution, made to agree with a start that is another.
+
+        x and the working set of `start` count, and nothing that `memory` says about them.  It may
+        be changed in place, and serves one successor as ever.  None: nothing of it can be used.
+        """
+        return None
+
     def solve(self, qp: ContactQP, start: Solution | None = None) -> Solution:
         """Solve `qp`, warm from `start` (an earlier Solution of this solver) or cold.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,9 +14,10 @@ from harness.facts import facts_of, setting_name
 from harness.measure import run_pass
 from harness.recording import Reference
 from harness.replay import reproduce
-from harness.starts import EVERY_ARM, QUALITIES, Starts, after_restart, has_arm, order_of
+from harness.starts import EVERY_ARM, Starts, after_restart, has_arm, order_of
 from problems.qp import FREE, ContactQP, Solution
 from solvers import make_solver
+from solvers.adapters.velocity import Velocity
 from solvers.registry import solver_class
 from tests.fake_recordings import fake_recording, solution_of
 from tests.random_qps import random_qp
@@ -28,9 +30,16 @@ def stretch(times: list[float], kinds: str = "step") -> list[ContactQP]:
     return [replace(qp, t=t, kind=kinds, restart=i == 0) for i, t in enumerate(times)]
 
 
+class Adopting(Velocity):
+    """Says what it was asked to adopt."""
+
+    def adopt(self, memory: Any, start: Solution) -> Any:
+        return f"{memory}, adopted"
+
+
 def walk(arm: str, qps: list[ContactQP], answers: list[np.ndarray]) -> dict[int, Solution | None]:
     """The start that an arm hands over for each QP, the solver answering as told."""
-    starts = Starts(arm, qps)
+    starts = Starts(Adopting(), arm, qps)
     given = {}
     for i in starts.order:
         given[i] = starts.of(i)
@@ -52,17 +61,21 @@ def test_how_far_back() -> None:
     answers = numbered(qps)
     nothing: list[float | None] = [None]
     assert first_entries(walk("cold", qps, answers)) == nothing * 22
-    assert first_entries(walk("previous", qps, answers)) == [None, *range(21)]
+    for arm in ("warm", "bare"):
+        assert first_entries(walk(arm, qps, answers)) == [None, *range(21)]
     assert first_entries(walk("stale5", qps, answers)) == nothing * 5 + [*range(17)]
     assert first_entries(walk("stale20", qps, answers)) == nothing * 20 + [0, 1]
 
 
-def test_memory_travels_in_warm_alone() -> None:
+def test_memory_is_that_of_the_last_solve_and_is_told_where_x_is_another() -> None:
     qps = stretch([0.1 * i for i in range(8)])
-    for arm in ("warm", *QUALITIES):
-        handed = [s.memory for s in walk(arm, qps, numbered(qps)).values() if s is not None]
-        assert handed or arm in ("exact", "stale20")
-        assert all((memory is not None) == (arm == "warm") for memory in handed)
+    for arm in ("warm", "bare", "extrapolated", "stale5", "corrupted"):
+        given = walk(arm, qps, numbered(qps))
+        handed = {i: s.memory for i, s in given.items() if s is not None}
+        assert len(handed) == (3 if arm == "stale5" else 7)
+        for i, memory in handed.items():
+            own = {"warm": f"of {i - 1}", "bare": None}
+            assert memory == own.get(arm, f"of {i - 1}, adopted")
 
 
 @pytest.mark.parametrize("arm", [arm for arm in EVERY_ARM if arm not in ("cold", "shuffled")])
@@ -72,7 +85,7 @@ def test_a_stretch_ends_at_a_restart_and_impulses_stand_apart(arm: str) -> None:
     qps[2] = replace(qps[2], kind="impulse")
     known = Reference(np.zeros(qps[0].k), np.zeros(qps[0].m), 0.0)
     references = [known] * 30
-    starts = Starts(arm, qps, references)
+    starts = Starts(Adopting(), arm, qps, references)
     for i, answer in enumerate(numbered(qps)):
         start = starts.of(i)
         if i in (0, 2, 24):
@@ -125,7 +138,7 @@ def test_the_corrupted_start_is_far_off_feasible_and_the_same_for_all() -> None:
 
 def test_exact_starts_from_the_reference_and_its_working_set() -> None:
     made = fake_recording()
-    starts = Starts("exact", made.qps, made.references)
+    starts = Starts(Adopting(), "exact", made.qps, made.references)
     for i, (qp, known) in enumerate(zip(made.qps, made.references, strict=True)):
         start = starts.of(i)
         if qp.kind == "step" and not starts.alone[i] and known is not None:
@@ -161,25 +174,28 @@ def test_outcomes_of_a_shuffled_pass_are_in_the_order_of_the_qps() -> None:
 @pytest.mark.parametrize("solver", ["lotstedt", "velocity", "daqp", "osqp", "proxqp", "scs"])
 def test_every_start_leads_to_the_same_answer_and_a_better_one_to_less_work(solver: str) -> None:
     recording = scene_recording("fig4")
-    part = replace(recording, qps=recording.qps[:40], references=recording.references[:40],
-                   solutions=recording.solutions[:40])  # fmt: skip
+    names = ("qps", "references", "solutions", "mu")
+    part = replace(recording, **{name: getattr(recording, name)[:40] for name in names})
     rows = replay(part, [solver], ["high"], EVERY_ARM, repeats=1, time_limit=60.0)
     assert (rows["verdict"] == "verified").all()
     assert set(rows["arm"]) == set(EVERY_ARM)
     served = rows[rows["warm_started"] & (rows["k"] > 0) & ~rows["after_restart"]]
     shared = set.intersection(
-        *(set(served.loc[served["arm"] == arm, "problem"]) for arm in ("exact", "previous"))
+        *(set(served.loc[served["arm"] == arm, "problem"]) for arm in ("exact", "warm"))
     )
     rows = rows[rows["problem"].isin(shared)]
     work = rows.groupby("arm")["iterations"].sum()
     assert len(shared) > 20
     assert work["exact"] < work["cold"]
-    assert work["exact"] <= work["previous"] <= work["corrupted"]
+    assert work["exact"] <= work["bare"] <= work["corrupted"]
+    assert work["warm"] <= work["corrupted"]
 
 
 def test_who_has_which_arms() -> None:
     assert all(has_arm(solver_class("lotstedt"), arm) for arm in EVERY_ARM)
-    assert [arm for arm in EVERY_ARM if has_arm(solver_class("clarabel"), arm)] == ["cold", "warm"]
+    assert [arm for arm in EVERY_ARM if has_arm(solver_class("clarabel"), arm)] == [
+        *("cold", "warm", "shuffled")
+    ]
     assert [arm for arm in EVERY_ARM if has_arm(solver_class("quadprog"), arm)] == ["cold"]
     with pytest.raises(ValueError, match="arm 'tepid' is unknown; choose from cold, warm, exact"):
         has_arm(solver_class("lotstedt"), "tepid")
@@ -209,3 +225,21 @@ def test_numbers_are_settings_and_have_one_spelling(given: str, stored: str) -> 
 def test_other_settings_are_refused(given: str) -> None:
     with pytest.raises(ValueError, match="is unknown; choose from paper, high, default, or give"):
         setting_name(given)
+
+
+@pytest.mark.parametrize("solver", ["lotstedt", "daqp", "osqp", "proxqp", "scs"])
+def test_an_adopted_memory_starts_as_if_there_were_none(solver: str) -> None:
+    """What counts is x and the working set that are handed over, not those of the memory."""
+    chosen = make_solver(solver, accuracy=1e-9)
+    qp, _ = random_qp("two_sided", 4)
+    other = replace(qp, d=-2.0 * qp.d)
+    right, last = chosen.solve(qp), chosen.solve(other)
+    bare = chosen.solve(qp, replace(right, memory=None))
+    adopted = chosen.solve(qp, replace(right, memory=chosen.adopt(last.memory, right)))
+    assert adopted.found and bare.found
+    if solver == "lotstedt":
+        assert adopted.work == bare.work
+        np.testing.assert_array_equal(adopted.x, bare.x)
+    else:
+        np.testing.assert_allclose(qp.A @ adopted.x, qp.A @ bare.x, atol=1e-8)
+        assert adopted.iterations <= chosen.solve(qp, last).iterations

@@ -65,6 +65,9 @@ class DAQP(ProgramSolver):
     def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
         """Update the model of the previous solve, or make one that knows its working set."""
         posed, arrays, carried, *_ = problem
+        shape = arrays[2].shape
+        if carried is not None and carried.native.arrays != shape:
+            carried = None
         model = daqp.Model() if carried is None else carried.native.object
         settings: dict[str, float] = {"iter_limit": self.max_iterations}
         if asked is not None:
@@ -74,10 +77,12 @@ class DAQP(ProgramSolver):
         if carried is None:
             model.setup(*arrays)
         else:
-            P, q, rows, upper, lower, _ = arrays
-            matrix = {"A": rows} if rows.size else {}
-            model.update(H=P, f=q, bupper=upper, blower=lower, **matrix)
-        return Native(posed, model)
+            P, q, rows, upper, lower, sense = arrays
+            more = {"A": rows} if rows.size else {}
+            if carried.duals is None:  # the model's working set is another than the start's
+                more["sense"] = sense
+            model.update(H=P, f=q, bupper=upper, blower=lower, **more)
+        return Native(posed, model, shape)
 
     def run(self, native: Native) -> Any:
         """`daqp.Model.solve`."""

@@ -232,7 +232,10 @@ class Native(NamedTuple):
 
 
 class Carried(NamedTuple):
-    """`Solution.memory` of a package: its object and duals, for the next solve."""
+    """`Solution.memory` of a package: its object and duals, for the next solve.
+
+    Without duals they are those of the x that is started from.
+    """
 
     native: Native
     duals: Vector | None = None
@@ -301,10 +304,15 @@ class PackageSolver(Solver, abc.ABC):
             old = start.memory.native.posed
             if old.m == posed.m and np.array_equal(old.rows, posed.rows):
                 carried = start.memory
-            duals = _carried_duals(start.memory, posed)
-        elif start is not None and (start.previous >= 0).any():
+            if start.memory.duals is not None:
+                duals = _carried_duals(start.memory, posed)
+        if start is not None and duals is None and (start.previous >= 0).any():
             duals = _bound_multipliers(posed)
         return Built(posed, self.arrays(posed), carried, duals)
+
+    def adopt(self, memory: Any, start: Solution) -> Any:
+        """The package's object; the multipliers will be those of `start`."""
+        return Carried(memory.native) if isinstance(memory, Carried) else None
 
     def read(self, qp: ContactQP, native: Native, result: Any) -> Answer:
         """Map the package's result by the table of statuses."""
@@ -328,14 +336,13 @@ class PackageSolver(Solver, abc.ABC):
 
 def _carried_duals(carried: Carried, posed: Posed) -> Vector:
     """Δ of the previous solve in today's scale, Δ = force²/unit · Δ̂.  (n,)"""
-    duals = np.zeros(posed.n)
-    if carried.duals is not None:
-        old = carried.native.posed
-        place = positions_of(posed.rows, old.rows)
-        known = place >= 0
-        was = place[known]
-        rescale = (old.force / posed.force) ** 2 * (posed.unit[known] / old.unit[was])
-        duals[known] = carried.duals[was] * rescale
+    assert carried.duals is not None
+    duals, old = np.zeros(posed.n), carried.native.posed
+    place = positions_of(posed.rows, old.rows)
+    known = place >= 0
+    was = place[known]
+    rescale = (old.force / posed.force) ** 2 * (posed.unit[known] / old.unit[was])
+    duals[known] = carried.duals[was] * rescale
     return duals
 
 
