@@ -17,6 +17,7 @@ from harness.cluster import ClusterError, connected, do_job, replay_on
 from harness.machine import problems_version, solver_version
 from harness.recording import write_recording
 from harness.replay import replay
+from harness.store import read_results
 from tests.fake_recordings import fake_recording
 
 pytest.importorskip("distributed")
@@ -69,6 +70,7 @@ def test_jobs_for_accuracy_alone_make_one_pass(client: Any, tmp_path: Path) -> N
 
 def test_the_job_of_a_killed_worker_goes_to_another(client: Any, tmp_path: Path) -> None:
     recording = fake_recording()
+    client.wait_for_workers(2, timeout=60)
     pids = client.run(os.getpid)
     failed: list[BaseException] = []
 
@@ -90,9 +92,8 @@ def test_the_job_of_a_killed_worker_goes_to_another(client: Any, tmp_path: Path)
     thread.join()
     assert killed and not failed
     home = replay(recording, SOLVERS, SETTINGS, ARMS, results=tmp_path / "home", **OPTIONS)
-    from harness.store import read_results
-
     pd.testing.assert_frame_equal(but_times(read_results(tmp_path)), but_times(home))
+    client.wait_for_workers(2, timeout=60)
     assert pids[killed] not in client.run(os.getpid).values()
 
 
