@@ -25,8 +25,8 @@ def peers(
         str, typer.Option(help="names with commas between; all: every one that is installed")
     ] = "all",
     limit: Annotated[
-        float, typer.Option(help="CPU time of a pass [s]; finer steps are not tried beyond it")
-    ] = 30.0,
+        float, typer.Option(help="time of a pass [s]; finer steps are not tried beyond it")
+    ] = 60.0,
     output: Annotated[Path, typer.Option("-o", "--output", help="folder")] = Path("peers"),
 ) -> None:
     """The same scenes in other physics engines and in ours: accuracy against CPU time.

@@ -13,12 +13,13 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from problems import Scene
 from problems.qp import Vector
+from problems.shapes import box_corners
 
 Settings = Mapping[str, Mapping[str, Any]]
 """Name → options of an engine's constructor."""
@@ -118,8 +119,17 @@ def one_friction(scene: Scene) -> float:
     return scene.mu
 
 
-def ground_corners(scene: Scene) -> list[Vector]:
-    """A box for each half plane, (4, 2) [m], `GROUND_DEPTH` thick, the surface on its last side.
+class GroundBox(NamedTuple):
+    """A half plane as a box: middle, sides and angle [m, rad], and corners (4, 2)."""
+
+    centre: Vector
+    size: Vector
+    angle: float
+    corners: Vector
+
+
+def ground_boxes(scene: Scene) -> list[GroundBox]:
+    """A box for each half plane, `GROUND_DEPTH` thick, its upper side on the surface.
 
     It spans the scene and `GROUND_MARGIN` more on either side: single precision wants it short.
     """
@@ -129,10 +139,12 @@ def ground_corners(scene: Scene) -> list[Vector]:
         normal = np.array(plane.normal) / np.hypot(*plane.normal)
         along = np.array([normal[1], -normal[0]])
         places = (scene.q0[:, :2] - plane.point) @ along
-        left = plane.point + (places.min() - reach) * along
-        right = plane.point + (places.max() + reach) * along
-        down = -GROUND_DEPTH * normal
-        boxes.append(np.array([left + down, right + down, right, left]))
+        first, last = places.min() - reach, places.max() + reach
+        size = np.array([last - first, GROUND_DEPTH])
+        centre = plane.point + 0.5 * (first + last) * along - 0.5 * GROUND_DEPTH * normal
+        angle = float(np.arctan2(along[1], along[0]))
+        turned = box_corners(*size) @ np.array([along, normal])
+        boxes.append(GroundBox(centre, size, angle, centre + turned))
     return boxes
 
 

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pyb2d3
 
-from harness.peers.base import Settings, Stepped, ground_corners, one_friction
+from harness.peers.base import Settings, Stepped, ground_boxes, one_friction
 from problems import Scene
 from problems.qp import Vector
 
@@ -40,8 +40,8 @@ class Box2D3(Stepped):
         material = pyb2d3.surface_material(friction=friction, restitution=0.0)
         self.shape = pyb2d3.shape_def(density=1.0, material=material)
         ground = self.world.create_static_body()
-        for corners in ground_corners(scene):
-            self._add(ground, corners)
+        for box in ground_boxes(scene):
+            self._add(ground, box.corners)
         self.bodies = []
         for body, q, v in zip(scene.bodies, scene.q0.tolist(), scene.v0.tolist(), strict=True):
             made = self.world.create_dynamic_body(

@@ -3,7 +3,8 @@
     FOLDER/runs/<hash>.json     one run: what was asked, of which versions, on which machine; what
                                 came of it
 
-1. Engines take turns, each in a process of its own (`harness.peers.worker`), coarse steps first.
+1. One engine after the other, in a process of its own (`harness.peers.worker`), task by task,
+   coarse steps first.
 2. A run that is there already is not repeated, unless it did not end within a shorter limit.
    Another version, machine or scene is another run; stale ones lie there and are not read.
 3. Where a pass took more than the limit, finer ones of the setting are not tried; the row says so.
@@ -25,8 +26,8 @@ from harness.peers.worker import Worker
 from harness.record import Progress
 from harness.whole_files import write_whole
 
-LIMIT = 30.0
-"""CPU time that one pass may take [s]."""
+LIMIT = 60.0
+"""Time that one pass may take [s]."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Plan:
     """What is run.
 
     scenes : as for `harness.peers.tasks.tasks_of`;  engines : names; empty: all that are there
-    limit : CPU time that one pass may take [s]
+    limit : time that one pass may take [s]
 
     The project's own stepper is always among the engines: its finest run is the reference.
     """
@@ -89,15 +90,17 @@ def run_campaign(
     folder = Path(folder)
     tasks = tasks_of(plan.scenes)
     engines = [info.name for info in plan.described() if info.available]
-    total = len(engines) * len(tasks)
+    wanted = {
+        engine: [run for task in tasks for run in runs_of(engine, task)] for engine in engines
+    }
+    total = float(sum(map(len, wanted.values())))
     done: list[tuple[Run, Outcome]] = []
-    for place, (task, engine) in enumerate((task, engine) for task in tasks for engine in engines):
-        runs = list(runs_of(engine, task))
-        with Worker(engine, task) as worker:
-            for part, run in enumerate(runs):
+    for engine, runs in wanted.items():
+        with Worker(engine) as worker:
+            for run in runs:
                 if progress is not None:
-                    what = f"{task.name}: {engine}, {run.setting}, {run.swept} = {run.resolution:g}"
-                    progress(what, place + part / len(runs), float(total))
+                    what = f"{engine}, {run.setting}, {run.swept} = {run.resolution:.2g}: "
+                    progress(what + run.task.name, float(len(done)), total)
                 done.append((run, _outcome(run, done, worker, folder, plan.limit)))
     return done
 
@@ -131,7 +134,7 @@ def _outcome(
     else:
         cls = engine_class(run.engine)
         options = {**cls.settings, **(cls.resting or {})}[run.setting]
-        outcome = worker.run(dict(options), run.resolution, limit)
+        outcome = worker.run(run.task, dict(options), run.resolution, limit)
     outcome = {**outcome, "limit": limit}
     write_whole(path, json.dumps({**asdict(run), **outcome}, indent=1).encode())
     return outcome

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import dartpy
 import numpy as np
 
-from harness.peers.base import Settings, Stepped, centre_and_size, ground_corners, one_friction
+from harness.peers.base import Settings, Stepped, centre_and_size, ground_boxes, one_friction
 from problems import Scene
 from problems.qp import Vector
 
@@ -51,8 +51,8 @@ class Dart(Stepped):
             constraints.setBoxedLcpSolver(dartpy.constraint.NsgsFrictionSolver(options))
         ground = dartpy.dynamics.Skeleton("ground")
         _, fixed = ground.createWeldJointAndBodyNodePair()
-        for corners in ground_corners(scene):
-            self._add(fixed, corners)
+        for box in ground_boxes(scene):
+            self._add(fixed, box.centre, box.size, box.angle)
         self.world.addSkeleton(ground)
         for number, body in enumerate(scene.bodies):
             skeleton = dartpy.dynamics.Skeleton(f"body {number}")
@@ -61,15 +61,16 @@ class Dart(Stepped):
             moments = body.inertia * np.eye(3)
             node.setInertia(dartpy.dynamics.Inertia(body.mass, np.zeros(3), moments))
             for part in body.polygons:
-                self._add(node, part)
+                self._add(node, *centre_and_size(part, "DART"))
             skeleton.setPositions(scene.q0[number])
             skeleton.setVelocities(scene.v0[number])
             self.world.addSkeleton(skeleton)
             self.skeletons.append(skeleton)
 
-    def _add(self, node: Any, part: Vector) -> None:
-        centre, size = centre_and_size(part, "DART")
+    def _add(self, node: Any, centre: Vector, size: Vector, angle: float = 0.0) -> None:
         shape = node.createShapeNode(dartpy.dynamics.BoxShape((*size, 1.0)))
+        c, s = np.cos(angle), np.sin(angle)
+        shape.setRelativeRotation(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
         shape.setRelativeTranslation((*centre, 0.0))
         shape.createCollisionAspect()
         shape.createDynamicsAspect()

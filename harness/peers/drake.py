@@ -15,13 +15,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pydrake.geometry as geometry
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlant, CoulombFriction, MultibodyPlantConfig
 from pydrake.multibody.tree import PlanarJoint, SpatialInertia, UnitInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from harness.peers.base import Settings, Stepped, centre_and_size, ground_corners, one_friction
+from harness.peers.base import Settings, Stepped, centre_and_size, ground_boxes, one_friction
 from problems import Scene
 from problems.qp import Vector
 
@@ -66,8 +66,10 @@ class Drake(Stepped):
         self.plant, graph = AddMultibodyPlant(config, builder)
         self.plant.mutable_gravity_field().set_gravity_vector((0.0, -scene.gravity, 0.0))
         self.boxes, self.corners = geometry.GeometrySet(), geometry.GeometrySet()
-        for corners in ground_corners(scene):
-            self._add(self.plant.world_body(), corners)
+        for box in ground_boxes(scene):
+            shape = geometry.Box(*box.size, 1.0)
+            ground = self._register(self.plant.world_body(), box.centre, shape, box.angle)
+            self.boxes.Add(ground)
         for number, body in enumerate(scene.bodies):
             gyration = UnitInertia(*[body.inertia / body.mass] * 3)
             inertia = SpatialInertia(body.mass, np.zeros(3), gyration)
@@ -93,8 +95,9 @@ class Drake(Stepped):
             inset = point - self.corner * np.sign(point - centre)
             self.corners.Add(self._register(body, inset, geometry.Sphere(self.corner)))
 
-    def _register(self, body: Any, place: Vector, shape: Any) -> Any:
-        name, pose = f"{self.plant.num_collision_geometries()}", RigidTransform((*place, 0.0))
+    def _register(self, body: Any, place: Vector, shape: Any, angle: float = 0.0) -> Any:
+        pose = RigidTransform(RotationMatrix.MakeZRotation(angle), (*place, 0.0))
+        name = f"{self.plant.num_collision_geometries()}"
         return self.plant.RegisterCollisionGeometry(body, pose, shape, name, self.properties)
 
     def step(self) -> None:

@@ -25,11 +25,11 @@ def observe(
     options: dict[str, Any],
     resolution: float,
     task: Task,
-    passed: Callable[[], None],
+    tell: Callable[[str], None],
 ) -> dict[str, Any]:
     """Run one engine on one task and measure.
 
-    passed : called as each pass ends
+    tell : told "built" and "passed" as each pass begins and ends
 
     Returns cpu [s], steps, repeats, and what belongs to the task:
         motion  q, the positions at the task's times;  energy_error, relative, the largest
@@ -42,8 +42,10 @@ def observe(
     scene = task.start()
     passes: list[Motion] = []
     while len(passes) < REPEATS and sum(motion.cpu for motion in passes) <= ENOUGH:
-        passes.append(cls(scene, resolution, **options).run(task.times))
-        passed()
+        built = cls(scene, resolution, **options)
+        tell("built")
+        passes.append(built.run(task.times))
+        tell("passed")
     motion = passes[-1]
     if not (np.isfinite(motion.q).all() and np.isfinite(motion.v).all()):
         raise FloatingPointError("positions or velocities are not finite numbers")

@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 import pymunk
 
-from harness.peers.base import Settings, Stepped, ground_corners, one_friction
+from harness.peers.base import Settings, Stepped, ground_boxes, one_friction
 from problems import Scene
 from problems.qp import Vector
 
@@ -35,8 +35,8 @@ class Pymunk(Stepped):
         self.space.iterations = iterations
         self.space.collision_slop = slop
         self.bodies = []
-        for corners in ground_corners(scene):
-            self._add(self.space.static_body, corners, friction)
+        for box in ground_boxes(scene):
+            self._add(self.space.static_body, box.corners, friction)
         for body, q, v in zip(scene.bodies, scene.q0.tolist(), scene.v0.tolist(), strict=True):
             made = pymunk.Body(body.mass, body.inertia)
             made.position, made.angle = (q[0], q[1]), q[2]

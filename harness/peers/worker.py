@@ -1,8 +1,8 @@
-"""A process that runs one engine on one task; a crash or a hang costs one run.
+"""A process that runs one engine; a crash or a hang costs one run.
 
 It is started when first needed, and anew after it was lost.  Parent and child speak by a pipe: a
-job down; "passed" after each pass and at last the outcome up.  What the engine prints goes to a
-file, whose last line explains a death.
+job down; "built" and "passed" as each pass begins and ends, and at last the outcome, up.  What the
+engine prints goes to a file, whose last line explains a death.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ LINE = 200
 
 
 class Worker:
-    """One engine on one task, in a process of its own; to be used as a context."""
+    """One engine in a process of its own; to be used as a context."""
 
-    def __init__(self, engine: str, task: Task) -> None:
-        self.engine, self.task = engine, task
+    def __init__(self, engine: str) -> None:
+        self.engine = engine
         self._process: Any = None
         self._link: Connection | None = None
 
@@ -44,30 +44,35 @@ class Worker:
         self._end()
         self._folder.cleanup()
 
-    def run(self, options: dict[str, Any], resolution: float, limit: float) -> dict[str, Any]:
+    def run(
+        self, task: Task, options: dict[str, Any], resolution: float, limit: float
+    ) -> dict[str, Any]:
         """Outcome of one run: status "done" and what `observe` returns, or status and reason.
 
         limit : [s] that one pass may take
         """
         link = self._link or self._start()
         try:
-            link.send((options, resolution))
-            while link.poll(STARTING + limit):
-                outcome: dict[str, Any] | None = link.recv()
-                if outcome is not None:
-                    return outcome
+            link.send((task, options, resolution))
+            patience = STARTING
+            while link.poll(patience):
+                told: str | dict[str, Any] = link.recv()
+                if isinstance(told, dict):
+                    return told
+                patience = limit if told == "built" else STARTING
         except (EOFError, OSError):
             self._process.join()
             reason = cause_of_death(self._process.exitcode) + self._last_line()
             self._end()
             return {"status": "crashed", "reason": reason}
         self._end()
-        return {"status": "timeout", "reason": f"a pass took more than {limit:g} s"}
+        what, most = ("a pass", limit) if patience == limit else ("building it", STARTING)
+        return {"status": "timeout", "reason": f"{what} took more than {most:g} s"}
 
     def _start(self) -> Connection:
         context = mp.get_context("spawn")
         self._link, theirs = context.Pipe()
-        arguments = (theirs, self.engine, self.task, self._words)
+        arguments = (theirs, self.engine, self._words)
         self._process = context.Process(target=_work, args=arguments, daemon=True)
         self._process.start()
         theirs.close()
@@ -90,7 +95,7 @@ class Worker:
         return f": {said[-1][:LINE]}" if said else ""
 
 
-def _work(link: Connection, engine: str, task: Task, words: Path) -> None:
+def _work(link: Connection, engine: str, words: Path) -> None:
     """What the process does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends it
     with open(words, "w") as file:
@@ -99,11 +104,11 @@ def _work(link: Connection, engine: str, task: Task, words: Path) -> None:
     cls = engine_class(engine)
     while True:
         try:
-            options, resolution = link.recv()
+            task, options, resolution = link.recv()
         except EOFError:
             return  # the parent is gone
         try:
-            found = observe(cls, options, resolution, task, lambda: link.send(None))
+            found = observe(cls, options, resolution, task, link.send)
             link.send({"status": "done", "reason": "", **found})
         except ERRORS as error:
             reason = " ".join(str(error).split())[:LINE]
