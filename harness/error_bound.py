@@ -19,9 +19,13 @@ Every x̄ and every admissible v give a bound; the least one found is kept.
 5. v = −r is always admissible and needs no S: the bound is then ‖r‖.
 
 r and Δ' are evaluated in `numpy.longdouble`, and what rounding can do to them is added to ‖v‖: for
-r as it is, for Δ' by the v that would undo it, ‖δ‖/σ_min(A_S).  Small singular values count as 0
-there (`harness.span`: below 1e-12 of the largest, or 1e-6 where A_S has many columns), which is the
-one place where "up to rounding" is not proved.
+r as it is, for Δ' by the v that would undo it, ‖δ‖/σ_min(A_S).  `SLACK` covers the rest.
+
+So it holds for the recorded data as they are, unless columns are dependent or nearly so.  Singular
+values below 1e-12 of the largest (1e-6 where A has many columns, `harness.span`) count as 0, and
+the bound is then of a QP whose A differs from the recorded one by as little.  That is as much as
+arithmetic of 64 bits can say: with σ = 1e-13 kept, ‖δ‖/σ_min is no longer small.  In exact
+arithmetic more can be said (`harness.proof`); `Facts.independent` tells which QPs need it.
 """
 
 from __future__ import annotations
@@ -39,6 +43,10 @@ UNIT = float(np.finfo(np.longdouble).eps)
 TINY = 1e-7
 """Entries within this fraction of max |x| of a bound are snapped to it, in one of the trials."""
 
+SLACK = 1e-6
+"""Relative error of σ_min(A_S), of ‖a_j‖ and of the norms taken, by which they are enlarged."""
+ROUND_UP = 1 + 1e-12
+"""Makes up for the rounding of the last sums."""
 MAX_GROWTH = 100
 """Times that a set of rows may grow before the trial is given up; each takes a factorization."""
 
@@ -70,10 +78,17 @@ def error_bound(qp: ContactQP, x: np.ndarray, facts: Facts | None = None) -> flo
         return float("inf")
     best, spans = np.inf, _Spans(facts)
     for inside in _candidates(facts, x):
-        moved = float(np.linalg.norm(facts.A @ (x - inside)))
+        way = x - inside
+        moved = float(np.linalg.norm(facts.A @ way))
+        moved += float(np.linalg.norm(_rounding(facts, np.abs(way))))
         if moved < best:
             best = min(best, moved + _bound_at(facts, spans, inside, best - moved))
-    return best
+    return best * ROUND_UP
+
+
+def _rounding(facts: Facts, x: np.ndarray, d: np.ndarray | float = 0.0) -> np.ndarray:
+    """What rounding can do to A x + d, of |x| and |d|.  (m,)"""
+    return (facts.row_terms + 2) * UNIT * (facts.absolute @ x + d)
 
 
 def _candidates(facts: Facts, x: np.ndarray) -> Iterator[np.ndarray]:
@@ -102,8 +117,7 @@ def _bound_at(facts: Facts, spans: _Spans, x: np.ndarray, enough: float) -> floa
     """
     qp, A = facts.qp, facts.A
     r = A @ x + facts.d
-    rounding = (facts.row_terms + 2) * UNIT * (abs(A) @ np.abs(x) + np.abs(facts.d))
-    lost = float(np.linalg.norm(rounding))
+    lost = float(np.linalg.norm(_rounding(facts, np.abs(x), np.abs(facts.d))))
     best = float(np.linalg.norm(r)) + lost
     free = (x > qp.lower) & (x < qp.upper)
     for S, all_signs in ((free, True), (np.zeros_like(free), False)):
@@ -128,11 +142,10 @@ def _bound_on(
         fixed = qp.lower == qp.upper
         up_is_wrong = no_lower | ((x >= qp.upper) & ~fixed)
         down_is_wrong = no_upper | ((x <= qp.lower) & ~fixed)
-    absolute = abs(A)
     for _ in range(min(qp.k + 1, MAX_GROWTH)):
         v = _least_correction(facts, spans, r, S)
         gradient = A.T @ (r + v)
-        margin = (facts.column_terms + 2) * UNIT * (absolute.T @ (np.abs(r) + np.abs(v)))
+        margin = (facts.column_terms + 2) * UNIT * (facts.absolute.T @ (np.abs(r) + np.abs(v)))
         # Rows of S vanish but for rounding, which is undone below.
         gradient[S] = 0.0
         bad = (down_is_wrong & (gradient < -margin)) | (up_is_wrong & (gradient > margin))
@@ -175,6 +188,7 @@ def _evaluate(
         slack = (np.abs(gradient) + margin)[unsure]
         # the least ‖w‖ with A_Sᵀ w = −slack, which is known to be consistent
         undo = float(np.linalg.norm(slack / norms[unsure])) / spans(unsure).least_singular_value
+        undo *= 1 + SLACK
     else:
         return float("inf")
     below = np.where(no_lower, 0.0, x - np.where(no_lower, 0.0, qp.lower))

@@ -12,11 +12,13 @@ values; beyond `RANK_COLUMNS` columns, where they would take many seconds, it is
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
 from harness.span import SparseSpan
+from problems.minimum_norm import surely_independent
 from problems.qp import ContactQP, Matrix, Vector
 
 RANK_TOL = 1e-10
@@ -63,6 +65,16 @@ class Facts:
     def sparse(self) -> bool:
         """Whether A and unit_columns are in CSC."""
         return sp.issparse(self.A)
+
+    @cached_property
+    def absolute(self) -> np.ndarray:
+        """|A|, entry by entry."""
+        return abs(self.A)
+
+    @cached_property
+    def independent(self) -> bool:
+        """Whether the columns of A are independent by far more than rounding."""
+        return surely_independent(self.unit_columns)
 
     def asked(self, setting: str) -> float:
         """Accuracy in ‖A δx‖ that a setting asks for, or that `default` is judged by.

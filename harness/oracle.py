@@ -1,4 +1,4 @@
-"""The reference answer: an active-set method that spares no effort, and is then checked.
+"""The reference answer: an active-set method that spares no effort, and is then proved or checked.
 
 It shares no code with `solvers/`, so that it is a witness and not an accomplice.  Up to
 `harness.facts.DENSE_COLUMNS` columns it is a dense one that starts from nothing:
@@ -8,8 +8,16 @@ It shares no code with `solvers/`, so that it is a witness and not an accomplice
 3. Least-squares step on the free columns by a singular value decomposition; go as far as the
    bounds allow; rows that block stop being free.  Repeat until the whole step is taken.
 4. Refine x on the free columns in extended precision, with Δ evaluated from the data; go to 2.
-5. The answer is accepted if the bound that trusts nobody (`harness.error_bound`) puts it within
-   `ACCEPTED` of A x*, relative to the scale of the QP.  Whatever went wrong before shows here.
+5. From there the answer in exact arithmetic is sought (`harness.proof`).  Its A x* is the
+   reference, wrong by no more than its own rounding.
+6. Where that takes too much work, the answer of 4 is accepted if the bound that trusts nobody
+   (`harness.error_bound`) puts it within `ACCEPTED` of A x*, relative to the scale of the QP.
+   Whatever went wrong before shows here.
+
+The exact answer is no reference either where x* is so large that A x* would change by more than
+`ACCEPTED` with the last bit of A: where columns are opposite but for rounding, and could push
+against each other for ever.  Such a QP is ill-posed: that of a minimum norm may be, where the
+inequalities have no room.  Nobody's answer in float64 is near the exact one; 6 says what is asked.
 
 Freed columns are linearly independent of the free ones, so that A may lack rank (Lawson and Hanson
 1974, chapter 23; Stark and Parker 1995 for the two-sided bounds).
@@ -24,7 +32,7 @@ sparse factors, which starts from an answer that is to be proved or, without one
     c. Free rows beyond a bound go to it; rows at a bound with the wrong sign beyond rounding are
        freed.  Back to b until there are none.
 
-It need not end, nor be right where it does.  Step 5 tells.
+It need not end, nor be right where it does.  Steps 5 and 6 tell.
 """
 
 from __future__ import annotations
@@ -34,12 +42,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from harness.error_bound import error_bound
 from harness.facts import Facts, facts_of
+from harness.proof import prove
 from harness.recording import Reference
 from harness.span import SparseSpan
-from problems.qp import ContactQP
+from problems.qp import ContactQP, Vector
 
 ACCEPTED = 1e-10
 """Largest error bound, relative to the scale, at which an answer is a reference."""
+UNIT_ROUNDOFF = 0.5 * float(np.finfo(np.float64).eps)
 ROUNDING = 64 * float(np.finfo(np.longdouble).eps)
 """A gradient Δ_i below this times ‖a_i‖ ‖ |A||x| + |d| ‖ is 0."""
 RANK_TOL = 1e-13
@@ -53,22 +63,37 @@ Flags = NDArray[np.bool_]
 def reference(
     qp: ContactQP, facts: Facts | None = None, start: ArrayLike | None = None
 ) -> Reference | None:
-    """A x* and a bound on its error, or None where the answer does not pass the check.
+    """A x* and a bound on its error, or None where there is no answer that passes 5 or 6.
 
     facts : of this QP, if they are at hand
     start : (k,) an answer that may be right; only a QP of many columns is begun from it
     """
     facts = facts or facts_of(qp)
-    exact = _settle(facts, start) if facts.sparse else _active_set(facts)
-    Ax = np.asarray(facts.A @ exact, float)
-    rounded = float(np.linalg.norm(facts.A @ exact - Ax))
-    bound = error_bound(qp, exact, facts) + rounded
+    found = _settle(facts, start) if facts.sparse else _active_set(facts)
+    proof = prove(qp, np.asarray(found, float))
+    if proof is None:
+        return _checked(facts, found, "bound")
+    pushes = float(np.abs(proof.x) @ facts.norms)
+    if UNIT_ROUNDOFF * pushes > ACCEPTED * facts.scale:
+        return _checked(facts, found, "ill-posed")
+    return _reference(facts, proof.x, proof.Ax, proof.radius, "exact")
+
+
+def _checked(facts: Facts, found: np.ndarray, proof: str) -> Reference | None:
+    """Step 6, of an x in extended precision."""
+    Ax = np.asarray(facts.A @ found, float)
+    rounded = float(np.linalg.norm(facts.A @ found - Ax))
+    bound = error_bound(facts.qp, found, facts) + rounded
     if not bound <= ACCEPTED * facts.scale:
         return None
-    x = np.clip(np.asarray(exact, float), qp.lower, qp.upper)
+    return _reference(facts, np.asarray(found, float), Ax, bound, proof)
+
+
+def _reference(facts: Facts, x: Vector, Ax: Vector, radius: float, proof: str) -> Reference:
+    x = np.clip(x, facts.qp.lower, facts.qp.upper)
     x.setflags(write=False)
     Ax.setflags(write=False)
-    return Reference(x, Ax, bound)
+    return Reference(x, Ax, radius, proof)
 
 
 def _active_set(facts: Facts) -> np.ndarray:
@@ -78,10 +103,10 @@ def _active_set(facts: Facts) -> np.ndarray:
     x = np.clip(np.zeros(qp.k, np.longdouble), lower, upper)
     free = np.zeros(qp.k, bool)
     tried = np.zeros(qp.k, bool)
-    for _ in range(20 * (qp.k + 5)):
+    for _ in range(4 * (qp.k + 5)):
         r = A @ x + facts.d
         gradient = A.T @ r
-        noise = ROUNDING * (np.abs(A) @ np.abs(x) + np.abs(facts.d))
+        noise = ROUNDING * (facts.absolute @ np.abs(x) + np.abs(facts.d))
         # A row can gain downhill if there is room on that side.
         gain = np.where(
             ((gradient < 0) & (x < upper)) | ((gradient > 0) & (x > lower)), np.abs(gradient), 0.0
@@ -115,7 +140,8 @@ def _descend(facts: Facts, x: np.ndarray, free: Flags) -> bool:
         room = np.where(p > 0, upper[index] - x[index], x[index] - lower[index])
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.where(p != 0, room / np.abs(p), np.inf)
-        step = min(1.0, float(ratio.min()))
+        # in extended precision, or rounding might leave the row that blocks just short of its bound
+        step = min(np.longdouble(1.0), ratio.min())
         x[index] = np.clip(x[index] + step * p, lower[index], upper[index])
         moved = moved or (step > 0 and bool(p.any()))
         if step == 1.0:
@@ -144,7 +170,7 @@ def _refine(facts: Facts, x: np.ndarray, free: Flags) -> np.ndarray:
 def _settle(facts: Facts, start: ArrayLike | None) -> np.ndarray:
     """x (k,) in extended precision where the primal-dual active-set method ended."""
     qp, A = facts.qp, facts.A
-    lower, upper, size = qp.lower, qp.upper, abs(facts.A)
+    lower, upper, size = qp.lower, qp.upper, facts.absolute
     x = np.clip(np.zeros(qp.k) if start is None else np.asarray(start), lower, upper)
     x = x.astype(np.longdouble)
     target = x - A.T @ (A @ x + facts.d) / facts.norms**2
