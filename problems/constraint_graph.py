@@ -26,6 +26,8 @@ from problems.shapes import cross
 
 FORGET_LEVEL = 1e-6
 """A reference level is forgotten once the corner is this far outside [m]."""
+ROUNDING = 1e-12
+"""A gap that closes by less than this has not changed [m]."""
 
 
 @dataclass(eq=False)
@@ -237,17 +239,24 @@ class ConstraintGraph:
 
     def levels(self, corner: Indices, part: Indices) -> Vector:
         """Reference level of each candidate, (N,) ≤ 0."""
-        if not self.level:
-            return np.zeros(corner.size)
-        known = self.level
-        return np.array([known.get(pair, 0.0) for pair in zip(corner, part, strict=True)])
+        levels = np.zeros(corner.size)
+        if self.level:
+            known, parts = np.array(list(self.level)), len(self.geometry.part_body)
+            key, wanted = known[:, 0] * parts + known[:, 1], corner * parts + part
+            order = np.argsort(key)
+            at = order[np.minimum(np.searchsorted(key, wanted, sorter=order), key.size - 1)]
+            levels = np.where(key[at] == wanted, np.array(list(self.level.values()))[at], 0.0)
+        return levels
 
-    def note_clearance(self, corner: int, part: int, clearance: float) -> None:
-        """Follow a corner that was let in without a contact: its level sinks with it."""
-        if clearance > FORGET_LEVEL:
-            self.level.pop((corner, part), None)
-        elif clearance < self.level.get((corner, part), 0.0):
-            self.level[corner, part] = clearance
+    def note_clearances(self, corner: Indices, part: Indices, clearance: Vector) -> None:
+        """Follow corners that were let in without a contact: their levels sink with them."""
+        level = self.levels(corner, part)
+        forgotten = (level < 0) & (clearance > FORGET_LEVEL)
+        for i in np.flatnonzero(forgotten | (clearance < level - ROUNDING)):
+            if forgotten[i]:
+                del self.level[int(corner[i]), int(part[i])]
+            else:
+                self.level[int(corner[i]), int(part[i])] = float(clearance[i])
 
     def _largest_motion(self, before: Vector | None, after: Vector) -> float:
         if before is None:

@@ -60,6 +60,30 @@ def clearances(corners, centres, cosine, sine, corner, part, part_body, normal, 
 
 
 @kernel
+def clearance_on_path(
+    q, velocity, curvature, h, corner, part, corner_body, corner_local, part_body, normal, offset
+):
+    """max_e φ_e of one corner against one part at q + h (velocity + h curvature)."""
+    state = np.zeros((2, 3))
+    for side in range(2):
+        b = corner_body[corner] if side == 0 else part_body[part]
+        if b >= 0:
+            for j in range(3):
+                i = 3 * b + j
+                state[side, j] = q[i] + h * (velocity[i] + h * curvature[i])
+    c, s = np.cos(state[0, 2]), np.sin(state[0, 2])
+    x = state[0, 0] + c * corner_local[corner, 0] - s * corner_local[corner, 1] - state[1, 0]
+    y = state[0, 1] + s * corner_local[corner, 0] + c * corner_local[corner, 1] - state[1, 1]
+    c, s = np.cos(state[1, 2]), np.sin(state[1, 2])
+    local_x, local_y = c * x + s * y, c * y - s * x
+    most = -np.inf
+    for e in range(offset.shape[1]):
+        value = normal[part, e, 0] * local_x + normal[part, e, 1] * local_y - offset[part, e]
+        most = max(most, value)
+    return most
+
+
+@kernel
 def contact_columns(
     corners, centres, cosine, sine, places, corner_body, part_body, normal, offset, start
 ):

@@ -26,7 +26,14 @@ from typing import NamedTuple
 import numpy as np
 
 from problems.bodies import GROUND, Body
-from problems.contact_kernels import clearances, contact_columns, edge_distances, place_corners
+from problems.contact_kernels import (
+    clearance_on_path,
+    clearances,
+    contact_columns,
+    edge_distances,
+    place_corners,
+)
+from problems.multistep import Path
 from problems.qp import Indices, Vector
 from problems.shapes import cross, rotate_quarter
 
@@ -131,6 +138,14 @@ class Geometry:
     def clearance(self, pose: Pose, corner: Indices, part: Indices) -> Vector:
         """max_e φ_e of each corner against its part, (N,) [m]; negative inside."""
         return clearances(*pose, corner, part, self.part_body, self.edge_normal, self.edge_offset)
+
+    def clearance_on_path(self, path: Path, h: float, corner: int, part: int) -> float:
+        """The same of one corner at path(h)."""
+        return clearance_on_path(
+            *(path.start, path.velocity, path.curvature, h, corner, part),
+            *(self.corner_body, self.corner_local, self.part_body),
+            *(self.edge_normal, self.edge_offset),
+        )
 
     def columns(self, pose: Pose, corner: Indices, part: Indices, edge: Indices) -> Columns:
         """Constraint functions and columns of N corner–edge pairs."""

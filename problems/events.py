@@ -13,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-from problems.constraint_graph import ConstraintGraph, Normal
-from problems.contacts import GROUND, Geometry, Pose
+from problems.constraint_graph import ROUNDING, ConstraintGraph, Normal
+from problems.contact_kernels import column_speeds
+from problems.contacts import Columns, Geometry, Pose
 from problems.multistep import Path
-from problems.qp import Indices, Vector
+from problems.qp import Vector
 
 SAME_TIME = 1e-9
 """Events within this many seconds of each other are simultaneous."""
@@ -57,22 +58,12 @@ def locate_zero(function: Callable[[float], float], h: float, f0: float, f1: flo
     return float(brentq(function, low, high, xtol=1e-15, rtol=1e-14))
 
 
-def approach_speed(
+def _approach_speed(
     geometry: Geometry, pose: Pose, v: Vector, corner: int, part: int, edge: int
 ) -> float:
     """g_Nᵀ q̇ of one corner–edge pair [m/s]; negative when they approach."""
-    one = np.array([corner]), np.array([part]), np.array([edge])
-    columns = geometry.columns(pose, *one)
-    return _relative_speed(columns.normal[0], columns.bodies[0], v)
-
-
-def _relative_speed(entries: Vector, bodies: Indices, v: Vector) -> float:
-    """A column's six entries times the velocities of its two bodies; the ground stands still."""
-    a, b = bodies
-    speed = entries[:3] @ v[3 * a : 3 * a + 3]
-    if b != GROUND:
-        speed += entries[3:] @ v[3 * b : 3 * b + 3]
-    return float(speed)
+    columns = geometry.columns_at(pose, np.array([(corner, part, edge)]))
+    return float(column_speeds(columns.normal, columns.bodies, v)[0])
 
 
 def first_hits(graph: ConstraintGraph, path: Path, h: float, slowest: float) -> list[Hit]:
@@ -90,17 +81,16 @@ def first_hits(graph: ConstraintGraph, path: Path, h: float, slowest: float) -> 
     before = geometry.clearance(geometry.pose(path.start), corner, part) - level
     after = geometry.clearance(geometry.pose(path(h)), corner, part) - level
     hits: list[Hit] = []
-    for i in np.flatnonzero(after < np.minimum(0.0, before)):
+    for i in np.flatnonzero(after < np.minimum(0.0, before) - ROUNDING):
         c, p, ref = int(corner[i]), int(part[i]), float(level[i])
-        one = corner[i : i + 1], part[i : i + 1]
 
-        def gap(step: float, one=one, ref=ref) -> float:
-            return float(geometry.clearance(geometry.pose(path(step)), *one)[0]) - ref
+        def gap(step: float, c=c, p=p, ref=ref) -> float:
+            return geometry.clearance_on_path(path, step, c, p) - ref
 
         where = _crossing(gap, h, float(before[i]), float(after[i]))
         pose = geometry.pose(path(where))
         edge = geometry.hit_edge(pose, c, p)
-        if approach_speed(geometry, pose, path.rate(where), c, p, edge) >= -slowest:
+        if _approach_speed(geometry, pose, path.rate(where), c, p, edge) >= -slowest:
             continue
         if graph.redundant(pose, c, p, edge):
             continue
@@ -135,25 +125,24 @@ def edge_ends(
     support.
     """
     geometry = graph.geometry
-    normals = [n for n in graph.active() if geometry.part_body[n.part] != GROUND]
-    if not normals:
+    active = graph.active_set()
+    if not active.normals:
         return {}, []
-    place = np.array([n.place for n in normals], dtype=np.int64).T
     pose = geometry.pose(path(h))
-    columns = geometry.columns(pose, *place)
+    columns = geometry.columns_at(pose, active.place)
     slack = END_SLACK * columns.length
     handed_over, losses = {}, []
     for i in np.flatnonzero((columns.along < -slack) | (columns.along > columns.length + slack)):
-        normal, end = normals[i], int(columns.along[i] > 0)
+        normal, end = active.normals[i], int(columns.along[i] > 0)
         taker = geometry.partner(pose, *normal.place, end)
         if taker is not None:
             handed_over[normal.row_id] = taker
             continue
 
-        def inside(step: float, at=place[:, i : i + 1], end=end, spare=float(slack[i])) -> float:
-            now = geometry.columns(geometry.pose(path(step)), *at)
+        def inside(step: float, at=active.place[i : i + 1], end=end, spare=slack[i]) -> float:
+            now = geometry.columns_at(geometry.pose(path(step)), at)
             along, length = float(now.along[0]), float(now.length[0])
-            return spare + (length - along if end else along)
+            return float(spare + (length - along if end else along))
 
         before, after = inside(0.0), inside(h)
         where = locate_zero(inside, h, before, after) if before > 0 > after else 0.0
@@ -176,29 +165,28 @@ def touching(graph: ConstraintGraph, q: Vector, v: Vector, slowest: float) -> li
         return []
     pose = geometry.pose(q)
     gap = geometry.clearance(pose, corner, part) - graph.levels(corner, part)
-    found = []
-    for i in np.flatnonzero(np.abs(gap) <= TOUCH_TOL):
-        c, p = int(corner[i]), int(part[i])
-        edge = geometry.hit_edge(pose, c, p)
-        if approach_speed(geometry, pose, v, c, p, edge) >= -slowest:
-            continue
-        if graph.redundant(pose, c, p, edge):
-            continue
-        found.append((_inwardness(geometry, pose, v, c, p, edge), Hit(0.0, c, p, edge)))
-    found.sort(key=lambda entry: (-entry[0][0], -entry[0][1], entry[1].corner, entry[1].part))
+    near = np.flatnonzero(np.abs(gap) <= TOUCH_TOL)
+    places = [
+        (c, p, geometry.hit_edge(pose, c, p))
+        for c, p in zip(corner[near].tolist(), part[near].tolist(), strict=True)
+    ]
+    columns = geometry.columns_at(pose, np.array(places, dtype=np.int64).reshape(-1, 3))
+    approach = column_speeds(columns.normal, columns.bodies, v)
+    inside, inwards = _inwardness(geometry, columns, v)
+    found = [
+        ((-inside[i], -inwards[i]), Hit(0.0, *places[i]))
+        for i in np.flatnonzero(approach < -slowest)
+        if not graph.redundant(pose, *places[i])
+    ]
+    found.sort(key=lambda entry: (*entry[0], entry[1].corner, entry[1].part))
     return [hit for _, hit in found]
 
 
-def _inwardness(
-    geometry: Geometry, pose: Pose, v: Vector, corner: int, part: int, edge: int
-) -> tuple[float, float]:
-    """How far inside its edge a corner is, and how fast it moves inwards, rounded to tolerances."""
-    one = np.array([corner]), np.array([part]), np.array([edge])
-    columns = geometry.columns(pose, *one)
-    along, length = float(columns.along[0]), float(columns.length[0])
-    if not np.isfinite(length):
-        return 0.0, 0.0
-    speed = _relative_speed(columns.tangent[0], columns.bodies[0], v)
-    near_start = along < length / 2
-    inside = along if near_start else length - along
-    return round(inside / geometry.contact_tol), speed if near_start else -speed
+def _inwardness(geometry: Geometry, columns: Columns, v: Vector) -> tuple[Vector, Vector]:
+    """How far inside its edge each corner is, and how fast it moves inwards, in tolerances."""
+    near_start = columns.along < columns.length / 2
+    inside = np.where(near_start, columns.along, columns.length - columns.along)
+    speed = column_speeds(columns.tangent, columns.bodies, v)
+    endless = np.isinf(columns.length)
+    inside = np.where(endless, 0.0, np.round(inside / geometry.contact_tol))
+    return inside, np.where(endless, 0.0, np.where(near_start, speed, -speed))

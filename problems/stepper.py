@@ -377,11 +377,8 @@ class Stepper:
             self._log("hand_over", f"{self._place_name(normal.place)} to {self._place_name(place)}")
             self.graph.hand_over(normal, place)
         corner, part = self.graph.candidates(before, self.q)
-        if corner.size:
-            clearance = self.graph.geometry.clearance(step.assembly.pose, corner, part)
-            noted = (clearance < 0) | (self.graph.levels(corner, part) < 0)
-            for i in np.flatnonzero(noted):
-                self.graph.note_clearance(int(corner[i]), int(part[i]), float(clearance[i]))
+        clearance = self.graph.geometry.clearance(step.assembly.pose, corner, part)
+        self.graph.note_clearances(corner, part, clearance)
         self.counts["steps"] += 1
         self._standstill = 0
         self._record(step)

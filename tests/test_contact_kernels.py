@@ -17,6 +17,7 @@ from problems.contact_kernels import (
     sparse_columns,
 )
 from problems.contacts import Geometry, HalfPlane
+from problems.multistep import Path
 from problems.shapes import cross, rotate_quarter
 
 BODIES = (box(1.0, 1.0), polygon_body([(0, 0), (2, 0), (1, 1.5)]), box(0.5, 2.0))
@@ -77,6 +78,16 @@ def test_distances_and_clearances(case):
     shape = geometry.part_body, geometry.edge_normal, geometry.edge_offset
     np.testing.assert_allclose(edge_distances(*pose, corner, part, *shape), phi, **EXACT)
     np.testing.assert_allclose(clearances(*pose, corner, part, *shape), phi.max(axis=1), **EXACT)
+
+
+def test_clearance_along_a_path(case):
+    geometry, q, places = case
+    rng, h = np.random.default_rng(9), 0.3
+    path = Path(q, rng.normal(size=9), rng.normal(size=9))
+    corner, part = np.ascontiguousarray(places[:, :2].T)
+    twin = geometry.clearance(geometry.pose(path(h)), corner, part)
+    found = [geometry.clearance_on_path(path, h, c, p) for c, p in zip(corner, part, strict=True)]
+    np.testing.assert_allclose(found, twin, **EXACT)
 
 
 def test_columns(case):

@@ -203,8 +203,10 @@ def test_candidates_survive_small_motion_and_are_renewed_by_large():
 
 def test_reference_level_sinks_with_the_corner_and_is_forgotten_outside():
     g = graph()
-    g.note_clearance(3, 0, -1e-5)
-    g.note_clearance(3, 0, -1e-6)
-    assert g.level[3, 0] == -1e-5
-    g.note_clearance(3, 0, 2e-6)
-    assert (3, 0) not in g.level
+    corner, part = np.array([2, 3]), np.array([1, 0])
+    g.note_clearances(corner, part, np.array([1e-3, -1e-5]))
+    g.note_clearances(corner, part, np.array([1e-3, -1e-6]))
+    assert g.level == {(3, 0): -1e-5}
+    np.testing.assert_array_equal(g.levels(corner, part), [0.0, -1e-5])
+    g.note_clearances(corner, part, np.array([-1e-9, 2e-6]))
+    assert g.level == {(2, 1): -1e-9}
