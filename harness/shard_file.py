@@ -1,7 +1,7 @@
 """One shard of a results folder as a Parquet file, and how a stranger's is read.
 
 A shard is one (recording, solver, setting, arm): a row per QP with `COLUMNS`, and after them the
-four times of every pass, `build_time_0`, …, `call_time_0`, `build_time_1`, … [s].  The file's
+times of every pass, `build_time_0`, …, `pace_0`, `build_time_1`, … [s] (`TIMES`).  The file's
 metadata holds its `ShardKey` as JSON.
 
 It also holds a seal, the sha256 of the file with zeros in the place of the seal.
@@ -31,12 +31,12 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 METADATA = b"glambda"
 SEAL = b"glambda sha256 "
 """What the seal begins with; 64 hexadecimal digits follow."""
-TIMES = ("build_time", "setup_time", "solve_time", "call_time")
-"""Columns of `Shard.passes` [s]."""
+TIMES = ("build_time", "setup_time", "solve_time", "call_time", "pace")
+"""Columns of `Shard.passes` [s]; pace is what `harness.calibration` took before the pass."""
 
 COLUMNS: dict[str, pa.DataType] = {
     # the first eight are qpbenchmark's
@@ -63,10 +63,11 @@ COLUMNS: dict[str, pa.DataType] = {
     # what came of it
     "verdict": pa.string(),
     "status_text": pa.string(),
-    "build_time": pa.float64(),  # the four times are of the fastest pass [s]
+    "build_time": pa.float64(),  # these times are of the fastest pass [s]
     "setup_time": pa.float64(),
     "solve_time": pa.float64(),
     "call_time": pa.float64(),
+    "pace": pa.float64(),
     "runtime_median": pa.float64(),
     "iterations": pa.int64(),
     "descent_directions": pa.int64(),
@@ -140,7 +141,7 @@ class Shard:
     """Rows of one (recording, solver, setting, arm).
 
     rows : one mapping per QP; what comes from the key and the passes is left out
-    passes : (passes, n, 4) seconds, columns `TIMES`; NaN where nothing was run
+    passes : (passes, n, 5) seconds, columns `TIMES`; NaN where nothing was run
     study : which study it belongs to
     """
 
@@ -284,14 +285,19 @@ def _check_layout(file: pq.ParquetFile, size: int, wrong: Callable[[str], StoreE
     return count
 
 
+def runtimes(passes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(passes, n) of (passes, n, 4) times: setup + solve, or the whole call where those are NaN."""
+    own = passes[:, :, TIMES.index("setup_time")] + passes[:, :, TIMES.index("solve_time")]
+    return np.where(np.isnan(own), passes[:, :, TIMES.index("call_time")], own)
+
+
 def summarise(passes: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
-    """Columns `FROM_PASSES` of (passes, n, 4) times: the fastest pass of each QP, and the median.
+    """Columns `FROM_PASSES` of (passes, n, 5) times: the fastest pass of each QP, and the median.
 
     runtime is setup + solve; where those are unknown (a solve that raised) it is the whole call.
     """
     count, n, _ = passes.shape
-    runtime = passes[:, :, 1] + passes[:, :, 2]
-    runtime = np.where(np.isnan(runtime), passes[:, :, 3], runtime)
+    runtime = runtimes(passes)
     best = np.argmin(np.where(np.isnan(runtime), np.inf, runtime), axis=0)
     fastest = passes[best, np.arange(n)]
     columns = {

@@ -61,6 +61,7 @@ __all__ = [
     "StoreError",
     "read_repeats",
     "read_results",
+    "read_shards",
     "read_spent",
 ]
 
@@ -197,7 +198,7 @@ def read_results(folder: str | os.PathLike[str]) -> pd.DataFrame:
     Raises StoreError for a damaged shard, and for shards that may not stand in one table: two
     recordings of one scene, two versions of one solver, two time limits.
     """
-    tables = [shard.rows for shard in _read_folder(Path(folder))]
+    tables = [shard.rows for shard in read_shards(Path(folder))]
     whole = pa.concat_tables([pa.schema(list(COLUMNS.items())).empty_table(), *tables])
     frame = whole.to_pandas(types_mapper=_nullable)
     return frame.sort_values(["problem", "solver", "settings", "arm"], ignore_index=True)
@@ -206,7 +207,7 @@ def read_results(folder: str | os.PathLike[str]) -> pd.DataFrame:
 def read_repeats(folder: str | os.PathLike[str]) -> pd.DataFrame:
     """Times of every pass, columns `REPEAT_COLUMNS`.  Raises StoreError like `read_results`."""
     parts = [pd.DataFrame(columns=list(REPEAT_COLUMNS))]
-    for key, rows, passes in _read_folder(Path(folder)):
+    for key, rows, passes in read_shards(Path(folder)):
         count, n, _ = passes.shape
         part = pd.DataFrame(passes.reshape(count * n, len(TIMES)), columns=list(TIMES))
         part["problem"] = np.tile(rows["problem"].to_numpy(), count)
@@ -226,8 +227,8 @@ def read_spent(folder: str | os.PathLike[str]) -> dict[str, float]:
         return {}
 
 
-def _read_folder(folder: Path) -> Iterator[StoredShard]:
-    """All shards, in order of their names, each checked against those before it."""
+def read_shards(folder: Path) -> Iterator[StoredShard]:
+    """All shards, in order of their names.  Raises StoreError like `read_results`."""
     seen: dict[tuple[str, ...], tuple[Any, str]] = {}
     for path in sorted((folder / "solves").glob("*.parquet")):
         shard = read_shard(path)
