@@ -78,7 +78,6 @@ def print_recording(console: Console, recording: Recording, path: str) -> None:
     facts = [facts_of(qp) for qp in qps]
     ranked = [f for f in facts if f.rank != UNKNOWN]
     deficient = sum(f.rank < f.qp.k for f in ranked)
-    referenced = sum(reference is not None for reference in recording.references)
     criterion = criterion_of(recording)
     events: dict[str, int] = {}
     for event in recording.events:
@@ -99,7 +98,7 @@ def print_recording(console: Console, recording: Recording, path: str) -> None:
         lines += [
             ("sizes", f"m ≤ {max(m for m, _ in sizes)}, k ≤ {max(k for _, k in sizes)}"),
             ("rank deficient", f"{deficient} of {len(ranked)} ({_share(deficient, len(ranked))})"),
-            ("references", f"{referenced} of {len(qps)} accepted"),
+            ("references", _proofs(recording)),
             (
                 "criterion",
                 f"C_QR {criterion.C_QR:.0f}, C_IT {criterion.C_IT:.0f} flops, "
@@ -108,6 +107,19 @@ def print_recording(console: Console, recording: Recording, path: str) -> None:
         ]
     for name, value in lines:
         console.print(Text(f"{name:15s} {value}"), soft_wrap=True)
+
+
+def _proofs(recording: Recording) -> str:
+    """How many references rest on what."""
+    words = {
+        "exact": "proved in exact arithmetic",
+        "bound": "within the error bound",
+        "ill-posed": "within the error bound of an ill-posed QP",
+        "none": "without a reference",
+    }
+    rests_on = [r.proof if r is not None else "none" for r in recording.references]
+    parts = [f"{rests_on.count(p)} {text}" for p, text in words.items() if p in rests_on]
+    return f"of {len(rests_on)}, " + ", ".join(parts)
 
 
 def _motion(recording: Recording) -> str:
