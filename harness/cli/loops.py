@@ -27,7 +27,7 @@ def closed_loop(
     sweep: Annotated[
         str,
         typer.Option(help="settings of solvers that are sloppy on purpose; none: leave them out"),
-    ] = "1x,10x,100x,1000x,1e4x,1e5x",
+    ] = "all",
     until: Until = None,
     eps: Eps = None,
     time_limit: Annotated[float, typer.Option(help="[s] of wall time of one motion")] = 300.0,
