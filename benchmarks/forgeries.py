@@ -27,6 +27,7 @@ from harness.shard_file import (
     COLUMNS,
     FROM_PASSES,
     METADATA,
+    TIMES,
     Shard,
     ShardKey,
     StoreError,
@@ -323,7 +324,7 @@ class ShardTarget:
     def __init__(self, folder: Path) -> None:
         self.path = folder / f"{KEY.name}.parquet"
         rng = np.random.default_rng(0)
-        passes = rng.random((2, 40, 4))
+        passes = rng.random((2, 40, len(TIMES)))
         rows = [
             {
                 "problem": f"fake/{i:06d}",

@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from harness.calibration import calibrate
 from harness.facts import Facts, facts_of, setting_name
 from harness.in_process import InProcess
 from harness.isolate import Block, Limits, Pass, Task, hard_limit, is_available
@@ -45,6 +46,7 @@ from solvers.registry import solver_class
 MEMORY_LIMIT = 4.0
 """What a solver may take beyond what its process starts with, if nothing else is said [GiB]."""
 DOUBT = "its own clock is not believed: ours, around the whole call, is used"
+CALL = TIMES.index("call_time")
 JUDGED = (
     *("verdict", "primal_residual", "dual_residual", "duality_gap"),
     *("glambda_error", "eps0_ratio", "error_bound", "objective_error", "lambda_distance"),
@@ -69,7 +71,7 @@ class Run:
         """Whether no pass is left to do."""
         if self.shard is None:
             return False
-        calls = self.shard.passes[:, :, TIMES.index("call_time")]
+        calls = self.shard.passes[:, :, CALL]
         return (
             self.passes >= repeats
             or float(np.nansum(calls[0])) > slow_pass
@@ -168,10 +170,11 @@ def replay(
                 for run in runs:
                     before = counter.done
                     if run.passes <= turn and not run.is_done(repeats, slow_pass):
+                        pace = calibrate()
                         done = block.do_pass(run.task, partial(counter.add, run.key.name))
-                        run.shard = judged.shard(run, done)
+                        run.shard = judged.shard(run, done, pace)
                         store.save(run.shard)
-                        calls += float(np.nansum(done.times[:, TIMES.index("call_time")]))
+                        calls += float(np.nansum(done.times[:, CALL]))
                     counter.add(run.key.name, before + len(recording.qps) - counter.done)
         store.add_spent(replaying=time.perf_counter() - began, in_calls=calls)
     return read_results(results)
@@ -235,9 +238,10 @@ class _Judged:
         self.recording, self.setting, self.facts, self.study = recording, setting, facts, study
         self.asked = [f.asked(setting) for f in facts]
 
-    def shard(self, run: Run, done: Pass) -> Shard:
-        """The shard of a run, grown by a pass."""
+    def shard(self, run: Run, done: Pass, pace: float) -> Shard:
+        """The shard of a run, grown by a pass before which the calibration took `pace` [s]."""
         times, doubted = believed(done.times)
+        times = np.column_stack([times, np.full(len(times), pace)])
         if run.shard is None:
             rows = [self.row(i, outcome) for i, outcome in enumerate(done.outcomes)]
             passes = times[None]

@@ -285,3 +285,10 @@ def test_memory_is_not_kept_in_outcomes() -> None:
     outcomes, _ = run_pass(Right(), fake_recording().qps, arm="cold")
     assert not any(hasattr(outcome, "memory") for outcome in outcomes)
     assert working_set_of(fake_recording().qps[0], outcomes[0].x).size
+
+
+def test_every_pass_says_what_pace_the_machine_had(tmp_path: Path) -> None:
+    replay(fake_recording(), ["lotstedt", "daqp"], results=tmp_path, repeats=2)
+    pace = read_repeats(tmp_path).groupby(["solver", "arm", "repeat"])["pace"]
+    assert (pace.nunique() == 1).all() and (pace.first() > 0).all()
+    assert pace.first().nunique() > 1  # measured anew each time
