@@ -17,6 +17,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from harness.calibration import clock_facts
 from harness.cluster import replayer
 from harness.facts import SETTINGS
 from harness.machine import library_versions, machine, problems_version, solver_version
@@ -169,6 +170,7 @@ def run_study(
     store.write_study(
         {
             "machine": machine(),
+            "clock": clock_facts()._asdict(),
             "libraries": library_versions(),
             "solvers": {name: solver_version(name) for name in solvers},
             "arguments": {**asdict(plan), "solvers": solvers},
