@@ -28,7 +28,8 @@ from harness.peers.tasks import DEFAULT, FRAME, Task, started, tasks_of
 from problems import Scene, scene
 from problems.bodies import box
 from problems.contacts import HalfPlane
-from reports.peers import least_table, rest_table, write_peers
+from reports.peers import write_peers
+from reports.peers_tables import least_table, rest_table
 from tests.runs import leaning_box, one_box, scene_run
 
 GOOD = {

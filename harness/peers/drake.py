@@ -6,8 +6,8 @@ which touch the other boxes; the alternative are patches (hydroelastic contact).
 hard as SAP takes them: it bounds them by the step (`sap_near_rigid_threshold`).
 """
 
+# pydrake's stubs type arrays too narrowly
 # mypy: disable-error-code="arg-type, call-overload"
-# (pydrake's stubs type arrays too narrowly)
 from __future__ import annotations
 
 import logging
@@ -47,14 +47,9 @@ class Drake(Stepped):
     model = "has contacts that are damped springs, at corners that are rounded"
 
     def __init__(
-        self,
-        scene: Scene,
-        h: float,
-        scheme: str = "sap",
-        corner: float = 0.0,
-        stiffness: float | None = HARDEST,
-        modulus: float = 0.0,
-    ) -> None:
+        self, scene: Scene, h: float, scheme: str = "sap", corner: float = 0.0,
+        stiffness: float | None = HARDEST, modulus: float = 0.0,
+    ) -> None:  # fmt: skip
         super().__init__(h)
         self.corner = corner
         self.properties = contact_properties(one_friction(scene), stiffness, modulus)
@@ -67,9 +62,8 @@ class Drake(Stepped):
         self.plant.mutable_gravity_field().set_gravity_vector((0.0, -scene.gravity, 0.0))
         self.boxes, self.corners = geometry.GeometrySet(), geometry.GeometrySet()
         for box in ground_boxes(scene):
-            shape = geometry.Box(*box.size, 1.0)
-            ground = self._register(self.plant.world_body(), box.centre, shape, box.angle)
-            self.boxes.Add(ground)
+            ground = self.plant.world_body(), box.centre, geometry.Box(*box.size, 1.0)
+            self.boxes.Add(self._register(*ground, box.angle))
         for number, body in enumerate(scene.bodies):
             gyration = UnitInertia(*[body.inertia / body.mass] * 3)
             inertia = SpatialInertia(body.mass, np.zeros(3), gyration)
@@ -78,10 +72,9 @@ class Drake(Stepped):
             self.plant.AddJoint(PlanarJoint(f"joint {number}", *frames, np.zeros(3)))
             for part in body.polygons:
                 self._add(made, part)
-        apart = geometry.CollisionFilterDeclaration().ExcludeWithin(self.corners)
         if corner:
-            apart.ExcludeWithin(self.boxes)
-        graph.collision_filter_manager().Apply(apart)
+            apart = geometry.CollisionFilterDeclaration().ExcludeWithin(self.corners)
+            graph.collision_filter_manager().Apply(apart.ExcludeWithin(self.boxes))
         self.plant.Finalize()
         self.simulator = Simulator(builder.Build())
         self.context = self.plant.GetMyMutableContextFromRoot(self.simulator.get_mutable_context())

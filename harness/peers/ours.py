@@ -22,9 +22,11 @@ NO_TIME = 1e-9
 """A run that ends here takes no step [s]."""
 FIRST_STEP, LARGEST_STEP = 1e-3, 0.02
 """Stock bounds of the step [s]."""
+SHARE, LARGEST_BOUND = 0.3, 0.05
+"""Bound of the step over √ε, and its own [s]."""
 REST_EPS = 1e-9
 """ε of fixed steps."""
-BOUNDED = "h ≤ √ε"
+BOUNDED = f"h ≤ {SHARE:g} √ε"
 """The setting whose finest run is the reference: its steps are short even where its estimate of the
 error has nothing to go by, as before a contact lets go."""
 
@@ -34,7 +36,7 @@ class Glambda(Peer):
     settings: ClassVar[Settings] = {"stock": {}, BOUNDED: {"bounded": True}}
     model = "takes contacts as rigid; impacts are inelastic, and without friction where μ_I = 0"
     swept = "ε"
-    resolutions = (1e-2, 5e-3, 2e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
+    resolutions = (3e-2, 1e-2, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
     middling = (1e-3, 1e-4)
     resting: ClassVar[Settings] = {"fixed step": {"fixed": True}}
 
@@ -42,7 +44,7 @@ class Glambda(Peer):
         self, scene: Scene, resolution: float, bounded: bool = False, fixed: bool = False
     ) -> None:
         self.scene, self.solver = scene, make_solver("lotstedt")
-        longest = min(sqrt(resolution), LARGEST_STEP) if bounded else LARGEST_STEP
+        longest = min(SHARE * sqrt(resolution), LARGEST_BOUND) if bounded else LARGEST_STEP
         self.options: dict[str, Any] = (
             {"eps": REST_EPS, "fixed_step": resolution}
             if fixed
