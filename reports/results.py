@@ -90,7 +90,9 @@ class Results:
     @property
     def everything(self) -> pd.DataFrame:
         """The rows with those of campaigns."""
-        return self.rows if self.campaigns is None else pd.concat([self.rows, self.campaigns])
+        if self.campaigns is None or self.campaigns.empty:
+            return self.rows
+        return pd.concat([self.rows, self.campaigns], ignore_index=True)
 
     @property
     def scenes(self) -> list[str]:

@@ -1,0 +1,324 @@
+"""What the quality of a start is worth: the arms beside cold and warm (`harness.starts`).
+
+Each arm is compared with the same solver's cold solves of the same QPs: those that the arm started,
+that do not follow a restart, and that are verified both ways.
+
+1. ratio: geometric mean of time(arm)/time(cold), the times being the least over the passes, with an
+   interval from resampling stretches of QPs (`reports.intervals`).
+2. worse: the least time of the arm exceeds that of cold by more than the spread, the larger of the
+   two distances from the least time to the median; better likewise.  Of QPs that cost the same a
+   few per cent are called worse, and as many better, by chance; with one pass there is no spread,
+   and neither is told.
+3. Iterations do not depend on the clock: their ratio, and the share of QPs that take more of them.
+
+The arms of `QUALITIES` differ in x and the working set alone; all of them have the solver's memory,
+so that they can be compared with one another.  `bare` is `warm` without it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from reports.findings import Answer, join
+from reports.intervals import SURE, geometric_mean
+from reports.results import ARMS, METHOD, Results, in_order, solver_order
+from reports.style import COLD, FAINT, INK, PAGE_WIDTH, SOFT, WARM, drawing, save
+from reports.table import Table, percent, short, times, whole
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+QUALITIES = ("exact", "extrapolated", "warm", "stale5", "stale20", "corrupted")
+"""Arms that differ in the quality of x and of the working set, best first, roughly."""
+CHECKS = ("bare", "shuffled")
+ORDER = (*QUALITIES, *CHECKS)
+WORDS = {
+    "exact": "the right answer",
+    "extrapolated": "x extrapolated in time",
+    "warm": "its own last answer",
+    "stale5": "that of 5 QPs ago",
+    "stale20": "that of 20 QPs ago",
+    "corrupted": "a spoilt one",
+}
+NOTABLE = 0.05
+"""Difference of two mean ratios that is worth a word."""
+
+
+def setting_of(results: Results) -> str | None:
+    """The first setting with arms beside cold and warm, or None."""
+    rows = results.everything
+    found = rows.loc[rows["arm"].isin(set(ORDER) - set(ARMS)), "settings"].unique()
+    order = in_order(found, tuple(results.settings))
+    return order[0] if order else None
+
+
+def start_pairs(results: Results) -> pd.DataFrame:
+    """One row per (scene, solver, arm, QP): `ratio` of times, `better`, `worse`, `more`.
+
+    more : whether it took more iterations than cold.  better and worse are NaN where there was one
+    pass only.  Empty where no such arm was run.
+    """
+    rows = results.everything
+    rows = rows[(rows["settings"] == setting_of(results)) & ~rows["skipped"] & (rows["k"] > 0)]
+    columns = ["runtime", "runtime_median", "iterations", "verified"]
+    key = ["scene", "solver", "problem"]
+    started = rows["arm"].isin(ORDER) & rows["warm_started"].astype(bool)
+    arms = rows.loc[started & ~rows["after_restart"].astype(bool), [*key, "arm", *columns]]
+    cold = rows.loc[rows["arm"] == "cold", [*key, "repeats", *columns]]
+    pairs = arms.merge(cold, on=key, suffixes=("", "_cold"))
+    pairs = pairs[pairs["verified"] & pairs["verified_cold"]].sort_values(key, kind="stable")
+    spread = np.maximum(
+        pairs["runtime_median"] - pairs["runtime"],
+        pairs["runtime_median_cold"] - pairs["runtime_cold"],
+    )
+    lost = pairs["runtime"] - pairs["runtime_cold"]
+    told = pairs["repeats"] > 1
+    return pairs.assign(
+        ratio=pairs["runtime"] / pairs["runtime_cold"],
+        better=(-lost > spread).astype(float).where(told),
+        worse=(lost > spread).astype(float).where(told),
+        more=(pairs["iterations"] > pairs["iterations_cold"]).astype(float),
+    )
+
+
+def summarise(pairs: pd.DataFrame, by: list[str]) -> pd.DataFrame:
+    """One row per group of pairs: QPs, ratio with its range, iterations, better, worse, more."""
+    out = []
+    for group, part in pairs.groupby(by, sort=False):
+        ratio, total = geometric_mean(part["ratio"]), part["iterations_cold"].sum()
+        out.append(
+            {
+                **dict(zip(by, group, strict=True)),
+                "QPs": len(part),
+                "ratio": ratio.mean,
+                "from": ratio.low,
+                "to": ratio.high,
+                "iterations": part["iterations"].sum() / total if total else np.nan,
+                "better": part["better"].mean(),
+                "worse": part["worse"].mean(),
+                "more iterations": part["more"].mean(),
+            }
+        )
+    place = {arm: i for i, arm in enumerate(ORDER)}
+    return (
+        pd.DataFrame(out)
+        .sort_values(
+            ["solver", "arm"], key=lambda c: c.map(place if c.name == "arm" else solver_order)
+        )
+        .reset_index(drop=True)
+    )
+
+
+def starts_tables(results: Results) -> list[Table]:
+    """The table of all scenes together, then one per scene; nothing without such arms."""
+    if setting_of(results) is None:
+        return []
+    pairs = start_pairs(results)
+    scenes = sorted(pairs["scene"].unique())
+    made = [_table(pairs, "starts", "What the quality of a start is worth", results)]
+    if len(scenes) > 1:
+        for scene in scenes:
+            part = pairs[pairs["scene"] == scene]
+            made.append(_table(part, f"starts_{scene}", f"Starts on {scene}", results))
+    return made
+
+
+def _table(pairs: pd.DataFrame, name: str, title: str, results: Results) -> Table:
+    data = summarise(pairs, ["solver", "arm"])
+    slower = data[data["arm"].isin(["exact", "extrapolated", "warm"]) & (data["from"] > 1)]
+    return Table(
+        name=name,
+        title=f"{title}, setting {setting_of(results)}",
+        reading=(
+            "Each solver against its own cold solves of the same QPs, verified both ways and not "
+            "after a restart.  ratio is the geometric mean of the times, below 1 a gain, with the "
+            f"range of {percent(SURE)} of resampled sequences.  x and the working set are those "
+            "of the reference (exact), of the last QP (warm), of 5 and 20 QPs ago, extrapolated "
+            "linearly in time, or the last ones spoilt: x moved by ‖x‖ at random, the working set "
+            "at random.  bare: warm without the solver's memory.  shuffled: warm, the QPs in "
+            "random order.  better, worse: by more than the spread of the passes, which chance "
+            "too does to a few per cent."
+        ),
+        data=data,
+        formats={
+            "QPs": whole,
+            **dict.fromkeys(["ratio", "from", "to", "iterations"], times),
+            **dict.fromkeys(["better", "worse", "more iterations"], percent),
+        },
+        notes=[
+            f"{row['solver']} takes {times(row['ratio'])} its cold time from {WORDS[row['arm']]}."
+            for row in slower.to_dict("records")
+        ],
+    )
+
+
+def plot_starts(results: Results, path: str | Path) -> Path:
+    """Time over cold time against the arm: one panel per solver, its scenes as faint lines.
+
+    Raises ValueError where no such arm was run.
+    """
+    if setting_of(results) is None:
+        raise ValueError("no arm beside cold and warm was run")
+    pairs = start_pairs(results)
+    arms = [arm for arm in ORDER if (pairs["arm"] == arm).any()]
+    pooled = summarise(pairs, ["solver", "arm"])
+    by_scene = summarise(pairs, ["solver", "scene", "arm"])
+    solvers = sorted(pooled["solver"].unique(), key=solver_order)
+    with drawing() as Figure:
+        across = min(4, len(solvers))
+        down = -(-len(solvers) // across)
+        figure = Figure(figsize=(PAGE_WIDTH, 2.1 * down + 0.7), layout="constrained")
+        grid = figure.subplots(down, across, squeeze=False, sharex=True, sharey=True)
+        for axes in grid.ravel()[len(solvers) :]:
+            axes.set_visible(False)
+        for axes, solver in zip(grid.ravel(), solvers, strict=False):
+            own, scenes = (part[part["solver"] == solver] for part in (pooled, by_scene))
+            _panel(axes, own.set_index("arm"), scenes, arms)
+            axes.set_title(solver)
+        for axes in grid[:, 0]:
+            axes.set_ylabel("time / cold time")
+        for column in range(across):
+            lowest = [axes for axes in grid[:, column] if axes.get_visible()][-1]
+            lowest.set_xticks(range(len(arms)), arms, rotation=90)
+            lowest.tick_params(labelbottom=True)
+        lines, labels = grid[0, 0].get_legend_handles_labels()
+        figure.legend(lines, labels, loc="outside lower center", ncols=len(labels))
+        return save(figure, Path(path))
+
+
+def _panel(axes: Axes, own: pd.DataFrame, scenes: pd.DataFrame, arms: list[str]) -> None:
+    """Arms of differing quality on one line, the checks beside it."""
+    axes.set_yscale("log")
+    axes.grid(True, axis="y", which="major")
+    axes.axhline(1.0, color=INK, linewidth=0.8, zorder=1)
+    line = [arm for arm in arms if arm in QUALITIES]
+    for _, part in scenes.groupby("scene"):
+        ratios = part.set_index("arm")["ratio"].reindex(line)
+        axes.plot(range(len(line)), ratios, color=FAINT, linewidth=0.9, zorder=1)
+    looks: tuple[tuple[list[str], dict[str, Any]], ...] = (
+        (line, {"color": COLD, "marker": "o", "linewidth": 1.6, "label": "time, by quality"}),
+        (
+            [arm for arm in arms if arm in CHECKS],
+            {"color": WARM, "marker": "D", "linewidth": 0.0, "label": "time, checks"},
+        ),
+    )
+    for chosen, look in looks:
+        at = own.reindex(chosen)
+        off = [(at["ratio"] - at["from"]).clip(lower=0), (at["to"] - at["ratio"]).clip(lower=0)]
+        places = [arms.index(arm) for arm in chosen]
+        axes.errorbar(
+            places, at["ratio"], yerr=off, markersize=3.6, elinewidth=1.0, zorder=3, **look
+        )
+    axes.plot(
+        range(len(arms)), own.reindex(arms)["iterations"].clip(lower=1e-3), color=SOFT,
+        linestyle="none", marker="_", markersize=7, markeredgewidth=1.4, label="iterations",
+    )  # fmt: skip
+
+
+def starts_answer(results: Results) -> Answer | None:
+    """What a start must be like, in sentences; None where no such arm was run."""
+    if setting_of(results) is None:
+        return None
+    table = summarise(start_pairs(results), ["solver", "arm"])
+    solvers = list(dict.fromkeys(table["solver"]))
+    table = table.set_index(["solver", "arm"])
+    leader = METHOD if METHOD in solvers else solvers[0]
+    own = table.loc[leader]
+    shown = "exact" if "exact" in own.index else str(own.index[0])
+    ladder = [f"{short(own.at[a, 'ratio'])} from {WORDS[a]}" for a in QUALITIES if a in own.index]
+    said = [
+        f"In units of its cold time {leader} takes {join(ladder, 10)}.",
+        *_memory(table, solvers),
+        *_extrapolation(table, solvers),
+        *_spoilt(table, solvers),
+        *_shuffled(table, solvers),
+    ]
+    return Answer(
+        "How good must a start be?",
+        f"{short(own.at[shown, 'ratio'])}×",
+        f"the cold time of {leader}, from {WORDS.get(shown, shown)}",
+        tuple(said),
+        "starts",
+    )
+
+
+def _compared(table: pd.DataFrame, solvers: list[str], one: str, other: str) -> dict[str, float]:
+    """Ratio of the mean ratios of two arms, for each solver that has both."""
+    return {
+        solver: float(table.at[(solver, one), "ratio"] / table.at[(solver, other), "ratio"])
+        for solver in solvers
+        if (solver, one) in table.index and (solver, other) in table.index
+    }
+
+
+def _listed(ratios: dict[str, float]) -> str:
+    return join([f"{solver} ({short(ratio)})" for solver, ratio in ratios.items()], 12)
+
+
+def _memory(table: pd.DataFrame, solvers: list[str]) -> list[str]:
+    worth = _compared(table, solvers, "bare", "warm")
+    if not worth:
+        return []
+    said = (
+        f"Without the solver's memory a warm start takes this many times as long: {_listed(worth)}."
+    )
+    more = [
+        solver
+        for solver, ratio in worth.items()
+        if ratio > max(1 + NOTABLE, 1 / float(table.at[(solver, "bare"), "ratio"]))
+    ]
+    if more:
+        said += f"  To {join(more, 12)} memory is worth more than x and the working set are."
+    return [said]
+
+
+def _extrapolation(table: pd.DataFrame, solvers: list[str]) -> list[str]:
+    change = _compared(table, solvers, "extrapolated", "warm")
+    if not change:
+        return []
+    gain = {solver: ratio for solver, ratio in change.items() if ratio < 1 - NOTABLE}
+    loss = {solver: ratio for solver, ratio in change.items() if ratio > 1 + NOTABLE}
+    parts = [f"gains for {_listed(gain)}"] if gain else []
+    parts += [f"loses for {_listed(loss)}"] if loss else []
+    if not parts:
+        return [f"Extrapolating x in time changes nobody's time by more than {percent(NOTABLE)}."]
+    return [f"Extrapolating x in time {join(parts)}, in units of the time from the last x."]
+
+
+def _spoilt(table: pd.DataFrame, solvers: list[str]) -> list[str]:
+    had = [solver for solver in solvers if (solver, "corrupted") in table.index]
+    if not had:
+        return []
+    slower = {
+        solver: float(table.at[(solver, "corrupted"), "ratio"])
+        for solver in had
+        if table.at[(solver, "corrupted"), "from"] > 1
+    }
+    if not slower:
+        return ["From a spoilt start, but with memory, nobody is slower than cold."]
+    return [
+        f"From a spoilt start {len(slower)} of {len(had)} are slower than cold: {_listed(slower)}."
+    ]
+
+
+def _shuffled(table: pd.DataFrame, solvers: list[str]) -> list[str]:
+    """The check: a start from another time of the motion should be worth less."""
+    rise = _compared(table, solvers, "shuffled", "warm")
+    if not rise:
+        return []
+    said = (
+        "Where the QPs come in random order a start should not help: the times of a warm start "
+        f"change by {_listed(rise)}."
+    )
+    even = {
+        solver: float(table.at[(solver, "shuffled"), "ratio"])
+        for solver in rise
+        if table.at[(solver, "shuffled"), "to"] < 1
+    }
+    if even:
+        said += f"  Memory kept, this is still less than cold for {_listed(even)}."
+    return [said]
