@@ -17,6 +17,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
+from harness.contact_rows import ContactRows, contact_rows
 from harness.span import SparseSpan
 from problems.minimum_norm import surely_independent
 from problems.qp import ContactQP, Matrix, Vector
@@ -65,6 +66,11 @@ class Facts:
     def sparse(self) -> bool:
         """Whether A and unit_columns are in CSC."""
         return sp.issparse(self.A)
+
+    @cached_property
+    def contact_rows(self) -> ContactRows:
+        """Which rows are normals and tangents."""
+        return contact_rows(self.qp)
 
     @cached_property
     def absolute(self) -> np.ndarray:

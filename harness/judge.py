@@ -9,7 +9,12 @@
 2. `error_bound` (`harness.error_bound`) on ‖A(x − x*)‖, which needs no reference.
 3. With a reference (`harness.oracle`): the error ‖A(x − x*)‖, relative to the scale of the QP
    (`glambda_error`) and to the accuracy that the stepper needs (`eps0_ratio`).
-4. The verdict, from the error e (the bound where no reference was accepted) and the accuracy asked:
+   A reference that is proved makes `error_bound` no less than the error, whatever columns do.
+4. The laws of contact in SI units (`harness.physics`).
+5. The verdict, from e and the accuracy asked.  e is the greatest of the error in A x (the bound
+   where no reference was accepted), of ‖a_i‖ times the violation of a bound, so that no A x is
+   bought with forces that contacts cannot give, and of u ‖|A||x|‖ with u = 2⁻⁵³, so that no x is
+   taken whose A x is lost to whoever evaluates it in float64:
 
        verified       e ≤ 10 × asked
        inaccurate     e ≤ 1000 × asked
@@ -19,14 +24,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from harness.error_bound import error_bound
+from harness.error_bound import ROUND_UP, error_bound
 from harness.facts import Facts, facts_of
+from harness.oracle import UNIT_ROUNDOFF
 from harness.oracle import reference as find_reference
+from harness.physics import NAN, physics
 from harness.recording import Reference
 from problems.qp import ContactQP, Vector
 
@@ -45,8 +52,6 @@ VERDICTS = (
 )
 """All verdicts; the last three come from the replay, which saw the solve."""
 
-NAN = float("nan")
-
 
 @dataclass(frozen=True)
 class Judgement:
@@ -60,6 +65,7 @@ class Judgement:
     lambda_distance : ‖λ − λ*‖, λ* being the reference's.  A diagnostic, since λ is not unique where
         A lacks rank; for the QPs of kind minimum_norm, z of (4.8), which is unique
     error_bound : bound on ‖A(x − x*)‖ that needs no reference
+    approach, pull, coulomb_excess, work_error, energy_error, physics_error : `harness.physics`
     primal_residual, dual_residual, duality_gap : item 1 of the module's list
     """
 
@@ -74,6 +80,12 @@ class Judgement:
     primal_residual: float = NAN
     dual_residual: float = NAN
     duality_gap: float = NAN
+    approach: float = NAN
+    pull: float = NAN
+    coulomb_excess: float = NAN
+    work_error: float = NAN
+    energy_error: float = NAN
+    physics_error: float = NAN
 
 
 def judge(
@@ -85,6 +97,7 @@ def judge(
     reference: Reference | None = None,
     facts: Facts | None = None,
     seek_reference: bool = True,
+    mu: Vector | None = None,
 ) -> Judgement:
     """Judge the answer x to `qp`.
 
@@ -93,6 +106,7 @@ def judge(
     asked : accuracy in ‖A δx‖; default: the QP's eps0
     reference, facts : of this QP, if they are at hand
     seek_reference : whether to ask the oracle where no reference is given
+    mu : (k,) friction coefficients of tangent rows, see `Recording.mu`
 
     Raises ValueError for an x of the wrong shape.
     """
@@ -108,17 +122,21 @@ def judge(
     if reference is None and seek_reference:
         reference = find_reference(qp, facts, start=x)
     bound = error_bound(qp, x, facts)
-    primal, dual, gap = kkt_residuals(qp, x)
+    with np.errstate(over="ignore", invalid="ignore"):
+        primal, dual, gap = kkt_residuals(qp, x)
     error, against = bound, {}
     if reference is not None:
         # Extended precision, so that no digits of A x are lost to cancellation.
         error = float(np.linalg.norm(facts.A @ x - reference.Ax))
+        if reference.proof == "exact":
+            bound = max(bound, (error + reference.error_bound) * ROUND_UP)
         against = {
             "glambda_error": error / facts.scale,
             "eps0_ratio": error / qp.eps0,
             "objective_error": _objective_error(facts, x, reference),
             "lambda_distance": _lambda_distance(qp, x, reference),
         }
+    error = max(error, _unfit(facts, x))
     return Judgement(
         verdict=_verdict(error, asked, found),
         error=error,
@@ -128,6 +146,7 @@ def judge(
         dual_residual=dual,
         duality_gap=gap,
         **against,
+        **asdict(physics(facts, x, mu, against.get("objective_error", NAN))),
     )
 
 
@@ -146,6 +165,14 @@ def kkt_residuals(qp: ContactQP, x: Vector) -> tuple[float, float, float]:
         + uncarried @ x
     )
     return primal, float(np.abs(uncarried).max()), abs(float(gap))
+
+
+def _unfit(facts: Facts, x: Vector) -> float:
+    """How far x is from being an answer at all, whatever its A x: item 5, in the unit of A x."""
+    beyond = np.maximum(np.maximum(facts.qp.lower - x, x - facts.qp.upper), 0.0)
+    violated = float((beyond * facts.norms).max(initial=0.0))
+    rounding = UNIT_ROUNDOFF * float(np.linalg.norm(facts.absolute @ np.abs(x)))
+    return max(violated, rounding)
 
 
 def _verdict(error: float, asked: float, found: bool) -> str:
