@@ -38,7 +38,7 @@ from harness.measure import Outcome, believed, pose, run_pass
 from harness.record import Progress
 from harness.recording import Recording, read_recording
 from harness.starts import ARMS, has_arm
-from harness.store import TIMES, Shard, ShardKey, Store, read_results
+from harness.store import SPENT, TIMES, Shard, ShardKey, Store, read_results
 from problems.qp import WorkCounts
 from solvers import make_solver
 from solvers.registry import solver_class
@@ -151,11 +151,14 @@ def replay(
     total = sum(len(recording.qps) * len(runs) * repeats for recording, _, runs in blocks)
     counter = _Counter(total, progress)
     facts: dict[str, list[Facts]] = {}
+    clock = time.perf_counter
     for recording, setting, runs in blocks:
         path = store.add_recording(recording)
         if all(run.is_done(repeats, slow_pass) for run in runs):
             counter.add("", len(recording.qps) * len(runs) * repeats)
             continue
+        spent = dict.fromkeys(SPENT, 0.0)
+        spent["replaying"] -= clock()
         if recording.digest not in facts:
             facts[recording.digest] = [facts_of(qp) for qp in recording.qps]
         judged = _Judged(recording, setting, facts[recording.digest], study)
@@ -164,19 +167,21 @@ def replay(
             block = Block(recording, path, judged.asked, limits)
         else:
             block = InProcess(recording, judged.asked, time_limit=time_limit)
-        began, calls = time.perf_counter(), 0.0
         with block:
             for turn in range(repeats):
                 for run in runs:
                     before = counter.done
                     if run.passes <= turn and not run.is_done(repeats, slow_pass):
                         pace = calibrate()
+                        spent["in_passes"] -= clock()
                         done = block.do_pass(run.task, partial(counter.add, run.key.name))
+                        spent["in_passes"] += clock()
+                        spent["in_calls"] += float(np.nansum(done.times[:, CALL]))
                         run.shard = judged.shard(run, done, pace)
                         store.save(run.shard)
-                        calls += float(np.nansum(done.times[:, CALL]))
                     counter.add(run.key.name, before + len(recording.qps) - counter.done)
-        store.add_spent(replaying=time.perf_counter() - began, in_calls=calls)
+        spent["replaying"] += clock()
+        store.add_spent(spent)
     return read_results(results)
 
 

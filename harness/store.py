@@ -68,6 +68,10 @@ __all__ = [
 REPEAT_COLUMNS = ("problem", "solver", "settings", "arm", "repeat", *TIMES)
 """Columns of `read_repeats`: one row per QP and pass, times in seconds."""
 
+SPENT = ("replaying", "in_passes", "in_calls")
+"""Seconds of a replay: all of them, judging and storing included; those of its passes, with warm-up
+and the start of processes; and those inside the calls of solvers that were timed."""
+
 AGREE: dict[str, tuple[str, ...]] = {
     "recording_digest": ("scene",),
     "versions": ("solver",),
@@ -168,10 +172,10 @@ class Store:
         with self._written(path):
             write_whole(path, (json.dumps(description, indent=2, sort_keys=True) + "\n").encode())
 
-    def add_spent(self, **seconds: float) -> None:
-        """Add to spent.json what a replay took, and how much of that inside solvers' calls."""
+    def add_spent(self, seconds: Mapping[str, float]) -> None:
+        """Add what a replay took, under the names `SPENT`, to spent.json."""
         before, path = read_spent(self.folder), self.folder / "spent.json"
-        total = {name: before.get(name, 0.0) + more for name, more in seconds.items()}
+        total = {name: before.get(name, 0.0) + seconds.get(name, 0.0) for name in SPENT}
         with self._written(path):
             write_whole(path, json.dumps(total).encode())
 
@@ -219,10 +223,10 @@ def read_repeats(folder: str | os.PathLike[str]) -> pd.DataFrame:
 
 
 def read_spent(folder: str | os.PathLike[str]) -> dict[str, float]:
-    """Seconds spent replaying, and in_calls of solvers, over all runs; empty if nothing was."""
+    """Seconds under the names `SPENT`, over all replays into a folder; empty if there was none."""
     try:
         read = json.loads((Path(folder) / "spent.json").read_text())
-        return {name: float(read[name]) for name in ("replaying", "in_calls")}
+        return {name: float(read[name]) for name in SPENT}
     except (OSError, ValueError, KeyError, TypeError):
         return {}
 
