@@ -46,14 +46,13 @@ def form_rows(results: Results) -> pd.DataFrame:
     """
     rows = results.everything
     rows = rows[(rows["k"] > 0) & ~rows["skipped"]]
-    form = rows["solver"].map(form_of)
-    rows = rows[form.notna()]
+    rows = rows[rows["solver"].map(form_of).notna()]
     known = conditions({scene: results.recordings[scene] for scene in rows["scene"].unique()
                         if scene in results.recordings})  # fmt: skip
     condition = rows["problem"].map(known).astype(float)
     return rows.assign(
         package=rows["solver"].str.replace(r"\[.*", "", regex=True),
-        form=form,
+        form=rows["solver"].map(form_of),
         condition=condition,
         decade=np.floor(np.log10(condition) + 1e-9),
         error=rows["glambda_error"].fillna(rows["error_bound"] / rows["scale"]),
