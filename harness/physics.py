@@ -28,7 +28,7 @@ scale².
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -48,6 +48,10 @@ class Physics:
     work_error: float = NAN
     energy_error: float = NAN
     physics_error: float = NAN
+
+
+MEASURES = tuple(entry.name for entry in fields(Physics))
+"""Names of the measures."""
 
 
 def physics(

@@ -35,6 +35,7 @@ from harness.isolate import Block, Limits, Pass, Task, hard_limit, is_available
 from harness.judge import judge
 from harness.machine import machine_label, solver_version
 from harness.measure import Outcome, believed, pose, run_pass
+from harness.physics import MEASURES
 from harness.record import Progress
 from harness.recording import Recording, read_recording
 from harness.starts import ARMS, has_arm
@@ -50,6 +51,7 @@ CALL = TIMES.index("call_time")
 JUDGED = (
     *("verdict", "primal_residual", "dual_residual", "duality_gap"),
     *("glambda_error", "eps0_ratio", "error_bound", "objective_error", "lambda_distance"),
+    *MEASURES,
 )
 """What a row has of its judgement."""
 
@@ -287,6 +289,8 @@ class _Judged:
             "warm_started": outcome.warm_started,
             "after_restart": outcome.after_restart,
         }
+        known = self.recording.references[index]
+        row["proof"] = "" if known is None else known.proof
         if outcome.verdict == "skipped":
             return {**row, "verdict": "skipped"}
         judgement = judge(
@@ -294,9 +298,10 @@ class _Judged:
             outcome.x,
             found=outcome.found,
             asked=row["asked"],
-            reference=self.recording.references[index],
+            reference=known,
             facts=facts,
             seek_reference=False,
+            mu=self.recording.mu[index],
         )
         for name in JUDGED:
             row[name] = getattr(judgement, name)

@@ -81,6 +81,13 @@ COLUMNS: dict[str, pa.DataType] = {
     "error_bound": pa.float64(),
     "objective_error": pa.float64(),
     "lambda_distance": pa.float64(),
+    "proof": pa.string(),  # what the reference rests on: exact, bound, ill-posed; empty: none
+    "approach": pa.float64(),  # [m/s]; these six: `harness.physics`
+    "pull": pa.float64(),  # [N, N s]
+    "coulomb_excess": pa.float64(),  # [N]
+    "work_error": pa.float64(),  # [J]
+    "energy_error": pa.float64(),  # [J]
+    "physics_error": pa.float64(),
     "machine": pa.string(),
     "versions": pa.string(),
     "study": pa.string(),
