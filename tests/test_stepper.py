@@ -1,5 +1,6 @@
 """Algorithm 1: orders, events, laws of the motion, and the paper's figures."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -85,6 +86,25 @@ def test_resting_tower_stays():
     assert np.abs(run.q[-1] - run.q[0]).max() < 1e-9
     assert np.abs(run.v).max() < 1e-9
     assert not run.event_log
+
+
+@pytest.mark.parametrize("velocity", [0.0, 1e-6])
+@pytest.mark.parametrize("boxes", [5, 60])
+def test_towers_at_rest_do_not_drift(boxes, velocity):
+    """100 fixed steps, from rest and after random velocities; `benchmarks/steps.py` has 1,000."""
+    start = scene("tower", bodies=boxes, mu=0.5, speed=0.0, jitter=0.0)
+    kick = velocity * np.random.default_rng(0).uniform(-1, 1, (boxes, 3))
+    run = simulate(
+        replace(start, v0=kick),
+        lotstedt(),
+        eps=1e-9,
+        drop_tol=1e-3,
+        fixed_step=1 / 240,
+        until=100 / 240,
+    )
+    assert run.t[-1] == pytest.approx(100 / 240)
+    assert np.abs(run.q[-1] - start.q0).max() <= (1e-9 if velocity else 1e-12)
+    assert np.abs(run.v[-1]).max() <= 1e-10
 
 
 # --- the figures ---------------------------------------------------------------------------------
