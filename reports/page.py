@@ -24,9 +24,12 @@ from reports.comparison import compare
 from reports.criterion import criterion_answer, criterion_tables, thresholds
 from reports.figures import plot_accuracy, plot_cost, plot_profiles
 from reports.findings import Answer, how_accurate, join, warm_start_worth, which_method
+from reports.forms import form_rows, forms_answer, forms_tables, plot_forms
 from reports.frames import plot_scene
+from reports.pareto import ALL, pareto_answer, pareto_tables, plot_pareto, sweep_rows
 from reports.protocol import protocol, recordings_table, reproduce, versions_table
 from reports.results import ARMS, METHOD, Results, is_method, load_results
+from reports.starts import plot_starts, starts_answer, starts_tables
 from reports.style import inline_figure
 from reports.table import Table
 from reports.tables import (
@@ -117,6 +120,9 @@ class _Writer:
             how_accurate(results),
             warm_start_worth(results),
             criterion_answer(results),
+            starts_answer(results),
+            forms_answer(results),
+            pareto_answer(results),
         ]
         context: dict[str, Any] = {
             "lead": lead(results),
@@ -127,7 +133,10 @@ class _Writer:
             "frames": [self.scene(scene) for scene in results.scenes],
             "accuracy": self.accuracy(),
             "cost": self.cost(),
+            "pareto": self.pareto(),
             "warm": self.warm(),
+            "starts": self.starts(),
+            "forms": self.forms(),
             "criterion": criterion,
             "unflattering": unflattering(results),
             "protocol": protocol(results),
@@ -206,6 +215,49 @@ class _Writer:
             ]
         return {"headline": tables[0], "tables": tables[1:], "figures": figures}
 
+    def pareto(self) -> dict[str, Any] | None:
+        tables = [self.table(table) for table in pareto_tables(self.results)]
+        if not tables:
+            return None
+        swept = [ALL, *sorted(sweep_rows(self.results)["scene"].unique())]
+        figures = [
+            self.figure(
+                f"pareto_{scene}",
+                f"{scene}: error in Gλ against the time of a QP, each backend swept over the "
+                "accuracy that is asked of it; left and below is better, and the front is set off.",
+                lambda path, scene=scene: plot_pareto(self.results, scene, path),  # type: ignore[misc]
+            )
+            for scene in swept
+        ]
+        return {"tables": tables, "figures": figures}
+
+    def starts(self) -> dict[str, Any] | None:
+        tables = [self.table(table) for table in starts_tables(self.results)]
+        if not tables:
+            return None
+        figure = self.figure(
+            "starts",
+            "Time of a QP over that of the same backend's cold solve, by what it is started from, "
+            "best first; faint lines are scenes.  Checks stand apart.",
+            lambda path: plot_starts(self.results, path),
+        )
+        return {"headline": tables[0], "tables": tables[1:], "figures": [figure]}
+
+    def forms(self) -> dict[str, Any] | None:
+        tables = [self.table(table) for table in forms_tables(self.results)]
+        if not tables:
+            return None
+        figures = []
+        if form_rows(self.results)["decade"].notna().any():
+            figures = [
+                self.figure(
+                    "forms",
+                    "Error in Gλ against the condition of A, by what the package is posed.",
+                    lambda path: plot_forms(self.results, path),
+                )
+            ]
+        return {"headline": tables[0], "tables": tables[1:], "figures": figures}
+
     def warm(self) -> dict[str, Any] | None:
         results = self.results
         if not set(ARMS) <= set(results.rows["arm"].unique()):
@@ -266,7 +318,8 @@ def _classes(table: Table, column: dict[str, Any], index: int, text: str) -> str
 
 def lead(results: Results) -> str:
     """What was done, in one sentence of counts."""
-    said = f"{len(results.scenes)} scenes ({join(results.scenes, 10)})"
+    count = len(results.scenes)
+    said = f"{count} scene{'s' * (count != 1)} ({join(results.scenes, 10)})"
     if results.recordings:
         qps = sum(len(recording.qps) for recording in results.recordings.values())
         said += f", simulated and recorded: {qps:,} quadratic programs"
@@ -343,7 +396,10 @@ def _contents(context: dict[str, Any]) -> Sequence[tuple[str, str]]:
             ("scenes", "The scenes", True),
             ("accuracy", "Accuracy", context["accuracy"]),
             ("cost", "Cost", context["cost"]),
+            ("pareto", "Time against accuracy", context["pareto"]),
             ("warm-start", "Warm start", context["warm"]),
+            ("starts", "Quality of the start", context["starts"]),
+            ("forms", "Forms of the QP", context["forms"]),
             ("criterion", "Criterion", context["criterion"]),
             ("unflattering", "Where the method loses", context["unflattering"] is not None),
             ("protocol", "How it was measured", True),
