@@ -125,11 +125,12 @@ def write_peers(rows: pd.DataFrame, engines: Sequence[EngineInfo], folder: str |
 
 def _introduction() -> str:
     return (
-        f"Every engine starts from the same positions and velocities and is asked to do the same. "
-        f"Its poses are compared with those of {OURS}'s own finest run, until the first impact or, "
-        "where no friction acts at impacts, beyond it: there all engines mean the same inelastic "
-        "impact. With friction they do not, and nothing is compared beyond it. That the peers' "
-        "errors go on falling with their steps is what confirms the reference. Times are CPU time "
-        "of the stepping alone, the least of up to three passes, each engine in a process of its "
-        f"own, one thread of {machine_label()}; building the scene is not counted."
+        "Every engine starts from the same positions and velocities, has the same coefficient of "
+        "friction and no restitution, and is asked to do the same. Its poses are compared with "
+        f"those of {OURS}'s own finest run. That the errors of engines whose contacts are rigid go "
+        "on falling with their steps, on some motions through dozens of impacts with friction, is "
+        "what confirms the reference; an engine whose errors stop falling has another model of "
+        "contact, or a fault. Times are CPU time of the stepping alone, the least of up to three "
+        f"passes, each engine in a process of its own, on one thread of {machine_label()}; "
+        "building the scene is not counted."
     )

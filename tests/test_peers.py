@@ -200,6 +200,15 @@ def test_the_reference_agrees_with_an_integration_by_a_code_of_its_own() -> None
     assert motion.q[0, 1, 0] == pytest.approx(0.6, abs=1e-9)
 
 
+def test_impacts_with_friction_are_the_same_as_those_of_an_engine_with_rigid_contacts() -> None:
+    start = started("fig4")
+    times = [0.1, 0.2, 0.3, 0.4, 0.5]  # impacts at 0.133 and 0.369
+    ours = Glambda(start, 1e-4).run(times)
+    cls = type(made("pymunk", start))
+    theirs = cls(start, 1 / 7680, **cls.settings["100 iterations"]).run(times)
+    np.testing.assert_allclose(ours.q, theirs.q, atol=1e-3)
+
+
 def test_interpolation_is_exact_for_cubics_and_has_the_state_after_an_impact() -> None:
     run = scene_run("fig4")
     t = np.array([0.0, 0.3, 0.3, 0.7])

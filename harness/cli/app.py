@@ -34,7 +34,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-RESUMED = ("replay", "growth", "closed_loop", "study")
+RESUMED = ("replay", "growth", "closed_loop", "peers", "study")
 """Commands that continue from their results folder after Ctrl-C."""
 
 Command = TypeVar("Command", bound=Callable[..., Any])

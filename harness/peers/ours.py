@@ -2,12 +2,15 @@
 
 It chooses its steps for an ε; its states between them are had by cubic interpolation.  What it
 takes to build the scene is measured by a run of no steps and not counted, as with the peers.
+Impacts are Newton's and Coulomb's with the friction coefficient of the scene, as the peers' are,
+not the paper's.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from math import sqrt
 from typing import Any, ClassVar
 
@@ -34,7 +37,7 @@ error has nothing to go by, as before a contact lets go."""
 class Glambda(Peer):
     package = "glambda"
     settings: ClassVar[Settings] = {"stock": {}, BOUNDED: {"bounded": True}}
-    model = "takes contacts as rigid; impacts are inelastic, and without friction where μ_I = 0"
+    model = "takes contacts as rigid; impacts are Newton's without restitution and Coulomb's"
     swept = "ε"
     resolutions = (3e-2, 1e-2, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
     middling = (1e-3, 1e-4)
@@ -43,7 +46,7 @@ class Glambda(Peer):
     def __init__(
         self, scene: Scene, resolution: float, bounded: bool = False, fixed: bool = False
     ) -> None:
-        self.scene, self.solver = scene, make_solver("lotstedt")
+        self.scene, self.solver = replace(scene, mu_I=scene.mu), make_solver("lotstedt")
         longest = min(SHARE * sqrt(resolution), LARGEST_BOUND) if bounded else LARGEST_STEP
         self.options: dict[str, Any] = (
             {"eps": REST_EPS, "fixed_step": resolution}
@@ -59,7 +62,9 @@ class Glambda(Peer):
 
     def _timed(self, until: float) -> tuple[float, Run]:
         start = time.process_time_ns()
-        run = simulate(self.scene, self.solver, until=until, **self.options)
+        run = simulate(
+            self.scene, self.solver, until=until, impulses="newton_coulomb", **self.options
+        )
         return 1e-9 * (time.process_time_ns() - start), run
 
 
