@@ -26,7 +26,7 @@ import pandas as pd
 from reports.findings import Answer, join
 from reports.intervals import SURE, geometric_mean
 from reports.results import ARMS, METHOD, Results, in_order, solver_order
-from reports.style import COLD, FAINT, INK, PAGE_WIDTH, SOFT, WARM, drawing, save
+from reports.style import COLD, INK, PAGE_WIDTH, SOFT, WARM, drawing, save
 from reports.table import Table, percent, short, times, whole
 
 if TYPE_CHECKING:
@@ -44,6 +44,8 @@ WORDS = {
     "stale20": "that of 20 QPs ago",
     "corrupted": "a spoilt one",
 }
+LEAST = 0.04
+"""Left end of the figure; fewer iterations than this part of the cold ones are drawn there."""
 NOTABLE = 0.05
 """Difference of two mean ratios that is worth a word."""
 
@@ -171,7 +173,8 @@ def plot_starts(results: Results, path: str | Path) -> Path:
     with drawing() as Figure:
         across = min(4, len(solvers))
         down = -(-len(solvers) // across)
-        figure = Figure(figsize=(PAGE_WIDTH, 2.1 * down + 0.7), layout="constrained")
+        figure = Figure(figsize=(PAGE_WIDTH, (0.19 * len(arms) + 0.45) * down + 0.7),
+                        layout="constrained")  # fmt: skip
         grid = figure.subplots(down, across, squeeze=False, sharex=True, sharey=True)
         for axes in grid.ravel()[len(solvers) :]:
             axes.set_visible(False)
@@ -179,26 +182,30 @@ def plot_starts(results: Results, path: str | Path) -> Path:
             own, scenes = (part[part["solver"] == solver] for part in (pooled, by_scene))
             _panel(axes, own.set_index("arm"), scenes, arms)
             axes.set_title(solver)
-        for axes in grid[:, 0]:
-            axes.set_ylabel("time / cold time")
-        for column in range(across):
-            lowest = [axes for axes in grid[:, column] if axes.get_visible()][-1]
-            lowest.set_xticks(range(len(arms)), arms, rotation=90)
-            lowest.tick_params(labelbottom=True)
+        for axes in grid[-1]:
+            axes.set_xlabel("time / cold time")
+        grid[0, 0].set_yticks(range(len(arms)), arms)
+        grid[0, 0].set_ylim(len(arms) - 0.5, -0.5)
         lines, labels = grid[0, 0].get_legend_handles_labels()
         figure.legend(lines, labels, loc="outside lower center", ncols=len(labels))
         return save(figure, Path(path))
 
 
 def _panel(axes: Axes, own: pd.DataFrame, scenes: pd.DataFrame, arms: list[str]) -> None:
-    """Arms of differing quality on one line, the checks beside it."""
-    axes.set_yscale("log")
-    axes.grid(True, axis="y", which="major")
-    axes.axhline(1.0, color=INK, linewidth=0.8, zorder=1)
+    """Arms of differing quality on one line, the checks below it, iterations as bars."""
+    axes.set_xscale("log")
+    axes.set_xlim(LEAST, 6.0)
+    axes.set_xticks([0.1, 1.0], ["0.1", "1"])
+    axes.grid(True, axis="x", which="both")
+    axes.axvline(1.0, color=INK, linewidth=0.8, zorder=1)
     line = [arm for arm in arms if arm in QUALITIES]
     for _, part in scenes.groupby("scene"):
         ratios = part.set_index("arm")["ratio"].reindex(line)
-        axes.plot(range(len(line)), ratios, color=FAINT, linewidth=0.9, zorder=1)
+        axes.plot(ratios, range(len(line)), color=SOFT, linewidth=0.6, alpha=0.6, zorder=1)
+    axes.plot(
+        own.reindex(arms)["iterations"].clip(lower=1.05 * LEAST), range(len(arms)), color=SOFT,
+        linestyle="none", marker="|", markersize=7, markeredgewidth=1.4, label="iterations",
+    )  # fmt: skip
     looks: tuple[tuple[list[str], dict[str, Any]], ...] = (
         (line, {"color": COLD, "marker": "o", "linewidth": 1.6, "label": "time, by quality"}),
         (
@@ -211,12 +218,8 @@ def _panel(axes: Axes, own: pd.DataFrame, scenes: pd.DataFrame, arms: list[str])
         off = [(at["ratio"] - at["from"]).clip(lower=0), (at["to"] - at["ratio"]).clip(lower=0)]
         places = [arms.index(arm) for arm in chosen]
         axes.errorbar(
-            places, at["ratio"], yerr=off, markersize=3.6, elinewidth=1.0, zorder=3, **look
+            at["ratio"], places, xerr=off, markersize=3.6, elinewidth=1.0, zorder=3, **look
         )
-    axes.plot(
-        range(len(arms)), own.reindex(arms)["iterations"].clip(lower=1e-3), color=SOFT,
-        linestyle="none", marker="_", markersize=7, markeredgewidth=1.4, label="iterations",
-    )  # fmt: skip
 
 
 def starts_answer(results: Results) -> Answer | None:
