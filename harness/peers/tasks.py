@@ -71,7 +71,10 @@ class Task:
         return [FRAME * frame for frame in range(stride, frames + 1, stride)]
 
     def start(self) -> Scene:
-        """The scene with the velocities after external impulses at t = 0, which are left out."""
+        """The scene with the velocities after external impulses at t = 0, which are left out.
+
+        It does not stop at rest, since no engine does.
+        """
         return started(self.scene)
 
 
@@ -79,7 +82,7 @@ class Task:
 def started(label: str) -> Scene:
     """See `Task.start`."""
     name, parameters = parse_label(label)
-    scene = make_scene(name, **parameters)
+    scene = replace(make_scene(name, **parameters), stop_at_rest=False)
     if not scene.impulses:
         return scene
     if any(impulse.t > 0 for impulse in scene.impulses):
