@@ -118,12 +118,25 @@ def judge(
         raise ValueError(f"A has shape {(qp.m, qp.k)}, so x needs {qp.k} entries; got {x.shape}")
     if not np.isfinite(x).all():
         return Judgement("failed", float("inf"), asked)
-    facts = facts or facts_of(qp)
+    # an absurd x may overflow; what comes of it is inf or NaN, and no answer
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _judge(qp, x, found, asked, reference, facts or facts_of(qp), seek_reference, mu)
+
+
+def _judge(
+    qp: ContactQP,
+    x: Vector,
+    found: bool,
+    asked: float,
+    reference: Reference | None,
+    facts: Facts,
+    seek_reference: bool,
+    mu: Vector | None,
+) -> Judgement:
     if reference is None and seek_reference:
         reference = find_reference(qp, facts, start=x)
     bound = error_bound(qp, x, facts)
-    with np.errstate(over="ignore", invalid="ignore"):
-        primal, dual, gap = kkt_residuals(qp, x)
+    primal, dual, gap = kkt_residuals(qp, x)
     error, against = bound, {}
     if reference is not None:
         # Extended precision, so that no digits of A x are lost to cancellation.

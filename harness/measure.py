@@ -105,15 +105,21 @@ def _outcome_of(
 class Inputs:
     """The arrays of a sequence of QPs as they were, to tell what a backend has written into.
 
-    They are read-only to Python, but a compiled backend need not ask.
+    They are read-only to Python, but a compiled backend need not ask.  Nor need one written in
+    Python, which can put other arrays in their place.
     """
 
     def __init__(self, qps: Sequence[ContactQP]) -> None:
         self._kept = [[(array, array.tobytes()) for array in _arrays_of(qp)] for qp in qps]
+        self._named = [(vars(qp), dict(vars(qp))) for qp in qps]
 
     def restore(self) -> set[int]:
         """Put right what was changed; returns the positions of the QPs concerned."""
         changed = set()
+        for i, (now, before) in enumerate(self._named):
+            if any(now.get(name) is not value for name, value in before.items()):
+                now.update(before)
+                changed.add(i)
         for i, kept in enumerate(self._kept):
             for array, content in kept:
                 if array.tobytes() != content:
