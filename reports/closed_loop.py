@@ -12,6 +12,7 @@ found, in sentences made from the numbers (`reports.closed_loop_findings`).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,17 +25,15 @@ from harness.in_loop import NOISES, SLOPPY
 from harness.machine import machine_label
 from harness.motion_error import APART, MATCHED_KINDS, WINDOW
 from reports.closed_loop_figures import plot_accuracy, plot_physics, plot_separation
-from reports.closed_loop_findings import AS_GOOD, discretization, findings_of, harmless, own_error
+from reports.closed_loop_findings import (
+    AS_GOOD,
+    discretization,
+    findings_of,
+    harmless,
+    metres,
+    own_error,
+)
 from reports.table import Table, percent, print_tables, scientific, short, times, whole
-
-
-def metres(value: Any) -> str:
-    """0.00012 → 0.12 mm; below a nanometre as an exponent."""
-    size = float(value)
-    for unit, one in (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6), ("nm", 1e-9)):
-        if size >= one:
-            return f"{short(size / one)} {unit}"
-    return "0" if size == 0 else f"{scientific(size)} m"
 
 
 def seconds(value: Any) -> str:
@@ -242,13 +241,21 @@ def tables_of(found: Sequence[Findings]) -> list[Table]:
 
 
 def print_closed_loop(console: Console, found: Sequence[Findings]) -> None:
-    """Print what was found, and the tables of the motions with their notes."""
+    """Print what was found, and as much of the tables as fits a terminal."""
     for sentence in findings_of(found):
         console.print(Text(f"- {sentence}"))
     console.print()
-    print_tables(console, [t for t in tables_of(found) if "physics" not in t.name])
+    tables = [sloppy_table(found), *(motion_table(each) for each in found)]
+    narrow = [
+        replace(t, data=t.data[[name for name in t.data if name not in LEFT_OUT]])
+        for t in tables
+        if len(t.data)
+    ]
+    print_tables(console, narrow)
 
 
+LEFT_OUT = ("first impact", "rms", "to the end", "mismatch", "rank")
+"""Columns that are not printed."""
 FIGURES = (
     ("closed_loop_accuracy", "Error of the motion against the worst answer", plot_accuracy),
     ("closed_loop_separation", "Pose error in time", plot_separation),

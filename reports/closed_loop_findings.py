@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,6 +19,15 @@ NOTABLE_ENERGY = 1e-3
 """Energy pumped in, over the largest kinetic energy, that is worth a sentence."""
 DEEPER = 10.0
 """Times the overlap or the reach of exact QPs that is worth a sentence."""
+
+
+def metres(value: Any) -> str:
+    """0.00012 → 0.12 mm; below a nanometre as an exponent."""
+    size = float(value)
+    for unit, one in (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6), ("nm", 1e-9)):
+        if size >= one:
+            return f"{short(size / one)} {unit}"
+    return "0" if size == 0 else f"{scientific(size)} m"
 
 
 def discretization(each: Findings) -> float:
@@ -85,18 +95,14 @@ def _named(rows: pd.DataFrame, values: Sequence[str] | None = None) -> list[str]
     return [f"{name} ({value})" for name, value in zip(names, values, strict=True)]
 
 
-def _millimetres(metres: float) -> str:
-    return f"{short(1000 * metres)} mm"
-
-
 def _reference(found: Sequence[Findings]) -> list[str]:
     said = []
     for each in found:
         twin, own = discretization(each), own_error(each)
         text = (
             f"{each.scene}: with exact QPs, ε = {each.eps:g} leaves a largest pose error of "
-            f"{_millimetres(twin)} up to t = {each.common:.2f}; the reference itself is off by "
-            f"about {_millimetres(own)}."
+            f"{metres(twin)} up to t = {each.common:.2f}; the reference itself is off by "
+            f"about {metres(own)}."
         )
         for error, who in ((each.check_error, "its check"), (each.twin_error, "exact QPs at ε")):
             if not np.isnan(error.apart):
@@ -140,7 +146,7 @@ def _good(found: Sequence[Findings]) -> list[str]:
         )
         if len(bad):
             unnoticed = bad[bad["missed"] == 0]
-            named = join(_named(bad, [_millimetres(error) for error in bad["error"]]), most=8)
+            named = join(_named(bad, [metres(error) for error in bad["error"]]), most=8)
             text += f" Not so: {named}; the stepper noticed nothing."
             if len(unnoticed):
                 text += (
@@ -201,10 +207,10 @@ def _physics(found: Sequence[Findings]) -> list[str]:
             usual = max(exact[what], each.eps**2)
             deep = rows[rows[what] > DEEPER * usual].sort_values(what, ascending=False)
             if len(deep):
-                depths = [_millimetres(value) for value in deep[what]]
+                depths = [metres(value) for value in deep[what]]
                 said.append(
                     f"{each.scene}: {text} more than {times(DEEPER)} what they do with exact QPs "
-                    f"({_millimetres(usual)}): {join(_named(deep, depths))}."
+                    f"({metres(usual)}): {join(_named(deep, depths))}."
                 )
         approach = rows.loc[rows["approach"].idxmax()]
         if approach["approach"] > 0.1 * each.eps:
