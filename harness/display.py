@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from harness.recording import Recording
+from harness.recording import Recording, Reference
 from harness.verify import ACCURATE_CLASS
 from problems.qp import KINDS
 from solvers.registry import SolverInfo
@@ -98,7 +98,7 @@ def print_recording(console: Console, recording: Recording, path: str) -> None:
         lines += [
             ("sizes", f"m ≤ {max(m for m, _ in sizes)}, k ≤ {max(k for _, k in sizes)}"),
             ("rank deficient", f"{deficient} of {len(ranked)} ({_share(deficient, len(ranked))})"),
-            ("references", _proofs(recording)),
+            ("references", proofs(recording.references)),
             (
                 "criterion",
                 f"C_QR {criterion.C_QR:.0f}, C_IT {criterion.C_IT:.0f} flops, "
@@ -109,7 +109,7 @@ def print_recording(console: Console, recording: Recording, path: str) -> None:
         console.print(Text(f"{name:15s} {value}"), soft_wrap=True)
 
 
-def _proofs(recording: Recording) -> str:
+def proofs(references: Iterable[Reference | None]) -> str:
     """How many references rest on what."""
     words = {
         "exact": "proved in exact arithmetic",
@@ -117,7 +117,7 @@ def _proofs(recording: Recording) -> str:
         "ill-posed": "within the error bound of an ill-posed QP",
         "none": "without a reference",
     }
-    rests_on = [r.proof if r is not None else "none" for r in recording.references]
+    rests_on = ["none" if r is None else r.proof for r in references]
     parts = [f"{rests_on.count(p)} {text}" for p, text in words.items() if p in rests_on]
     return f"of {len(rests_on)}, " + ", ".join(parts)
 

@@ -222,6 +222,26 @@ def read_repeats(folder: str | os.PathLike[str]) -> pd.DataFrame:
     return frame.sort_values(order, ignore_index=True)
 
 
+def read_paces(folder: str | os.PathLike[str]) -> list[float]:
+    """[s] of the calibration before every pass.  Raises StoreError like `read_results`."""
+    pace = TIMES.index("pace")
+    return [
+        float(seconds)
+        for shard in read_shards(Path(folder))
+        if shard.passes.size
+        for seconds in shard.passes[:, 0, pace]
+    ]
+
+
+def read_study(folder: str | os.PathLike[str]) -> dict[str, Any]:
+    """What study.json says; empty where there is none that can be read."""
+    try:
+        said = json.loads((Path(folder) / "study.json").read_text())
+    except (OSError, ValueError):
+        return {}
+    return said if isinstance(said, dict) else {}
+
+
 def read_spent(folder: str | os.PathLike[str]) -> dict[str, float]:
     """Seconds under the names `SPENT`, over all replays into a folder; empty if there was none."""
     try:

@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from reports.comparison import SHIFT, SKIP_LIMIT, TIME_LIMIT
 from reports.results import ARMS, Results, in_order, solver_order
-from reports.table import Table, percent, scientific, whole
+from reports.table import Table, percent, scientific, short, whole
+
+SLOW_PASS = 1.1
+"""A pass that begins at more than this multiple of the median pace is counted as slow."""
 
 
 def protocol(results: Results) -> list[tuple[str, str]]:
@@ -50,10 +54,75 @@ def protocol(results: Results) -> list[tuple[str, str]]:
             f"skipped more than {percent(SKIP_LIMIT)} of a scene is left out of it and named.",
         ),
     ]
+    said += [(term, text) for term, text in _machine(results) if text]
     machines = sorted(results.rows["machine"].astype(str).unique())
     if machines:
         said.append(("Machine", "; ".join(machines)))
     return said
+
+
+def _machine(results: Results) -> list[tuple[str, str]]:
+    """What is known of the clock, of the pace of the machine and of the cost of the harness."""
+    return [
+        ("References", _references(results)),
+        ("Clock", _clock(results)),
+        ("Pace", _pace(results)),
+        ("Harness", _harness(results)),
+    ]
+
+
+def _references(results: Results) -> str:
+    """On what the references rest."""
+    from harness.display import proofs
+
+    known = [each for recording in results.recordings.values() for each in recording.references]
+    return f"A x* of the recorded data: {proofs(known)}." if known else ""
+
+
+def _clock(results: Results) -> str:
+    """What the clock can tell apart, and what an empty solve costs."""
+    facts = results.study.get("clock", {})
+    try:
+        resolution, empty, booked = (
+            1e6 * float(facts[name]) for name in ("resolution", "empty_call", "empty_runtime")
+        )
+    except (KeyError, TypeError, ValueError):
+        return ""
+    return (
+        f"Two readings that differ do so by {short(resolution)} µs or more.  A solve that does "
+        f"nothing takes {short(empty)} µs as a whole, and {short(booked)} µs of that are booked as "
+        "setup and solve."
+    )
+
+
+def _pace(results: Results) -> str:
+    """Whether the machine kept its pace from pass to pass."""
+    paces = np.array(results.paces)
+    if paces.size < 2:
+        return ""
+    middle = float(np.median(paces))
+    slow = int((paces > SLOW_PASS * middle).sum())
+    low, high = np.quantile(paces, [0.05, 0.95]) / middle
+    return (
+        f"Before each of the {paces.size:,} passes a fixed piece of work was timed: median "
+        f"{short(1e6 * middle)} µs, nine in ten between {low:.2f} and {high:.2f} of it, the "
+        f"slowest {paces.max() / middle:.2f}.  {slow:,} passes began more than "
+        f"{percent(SLOW_PASS - 1)} slower than the median; passes go round, so that all backends "
+        "meet such times."
+    )
+
+
+def _harness(results: Results) -> str:
+    """What part of the replay was spent inside the calls of solvers."""
+    spent = results.spent
+    if not spent.get("replaying"):
+        return ""
+    calls, passes = (spent[name] / spent["replaying"] for name in ("in_calls", "in_passes"))
+    return (
+        f"The replay took {short(spent['replaying'])} s, {percent(calls)} of it inside timed calls "
+        f"of solvers and {percent(passes - calls)} around them: starting processes, warming up, "
+        "reading answers.  The rest is judging and storing."
+    )
 
 
 def versions_table(results: Results) -> Table:

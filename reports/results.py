@@ -80,12 +80,17 @@ class Results:
     recordings : label → recording, in the order of the labels
     missing : sentences on what the folder does not hold
     campaigns : the rows that are set apart
+    paces : [s] of the calibration before every pass (`harness.calibration`)
+    study : what study.json says;  spent : seconds of the replay (`harness.store.read_spent`)
     """
 
     rows: pd.DataFrame
     recordings: Mapping[str, Any] = field(default_factory=dict)
     missing: tuple[str, ...] = ()
     campaigns: pd.DataFrame | None = None
+    paces: tuple[float, ...] = ()
+    study: Mapping[str, Any] = field(default_factory=dict)
+    spent: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def everything(self) -> pd.DataFrame:
@@ -214,7 +219,7 @@ def load_results(folder: str | Path) -> Results:
     the ValueError of a damaged recording.
     """
     from harness.recording import read_recording
-    from harness.store import read_results
+    from harness.store import read_paces, read_results, read_spent, read_study
 
     folder = Path(folder)
     if not folder.is_dir():
@@ -240,7 +245,15 @@ def load_results(folder: str | Path) -> Results:
                 f"{digest[:12]}…) than recordings/{scene}.h5 ({recordings[scene].digest[:12]}…); "
                 "a report must not mix them: replay into an empty folder"
             )
-    return Results(rows, recordings, tuple(_missing(rows, recordings)), campaigns)
+    return Results(
+        rows=rows,
+        recordings=recordings,
+        missing=tuple(_missing(rows, recordings)),
+        campaigns=campaigns,
+        paces=tuple(read_paces(folder)),
+        study=read_study(folder),
+        spent=read_spent(folder),
+    )
 
 
 def _missing(rows: pd.DataFrame, recordings: Mapping[str, Any]) -> list[str]:

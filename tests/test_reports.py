@@ -20,7 +20,7 @@ from reports.frames import animate_scene, plot_scene, window_of
 from reports.motion import frame_times, motion_of
 from reports.page import prose, report, unflattering, write_report
 from reports.profiles import profile, ratios
-from reports.protocol import record_command, reproduce
+from reports.protocol import protocol, record_command, reproduce
 from reports.results import Results, empty_rows, load_results, prepare
 from reports.table import microseconds, percent, short
 from reports.tables import (
@@ -665,3 +665,25 @@ def test_commands_to_reproduce(study):
     text = reproduce(study)
     assert "--settings paper,high --arms cold,warm" in text
     assert "--qp 0" in text
+
+
+def test_the_protocol_tells_what_is_known_of_clock_pace_and_harness(study):
+    bare = dict(protocol(study))
+    assert not {"Clock", "Pace", "Harness"} & set(bare)  # nothing is known, nothing is said
+    known = replace(
+        study,
+        paces=(1e-3, 1e-3, 1e-3, 1.5e-3),
+        study={"clock": {"resolution": 4e-8, "empty_call": 4e-6, "empty_runtime": 1e-7}},
+        spent={"replaying": 10.0, "in_passes": 8.0, "in_calls": 5.0},
+    )
+    said = dict(protocol(known))
+    assert "0.040 µs or more" in said["Clock"] and "4.00 µs as a whole" in said["Clock"]
+    assert "the slowest 1.50" in said["Pace"] and "1 passes began more" in said["Pace"]
+    assert (
+        "50.0 % of it inside timed calls" in said["Harness"] and "30.0 % around" in said["Harness"]
+    )
+
+
+def test_a_study_json_of_another_kind_is_left_aside(study):
+    for clock in (None, {}, {"resolution": "fast"}, [1]):
+        assert "Clock" not in dict(protocol(replace(study, study={"clock": clock})))
