@@ -254,7 +254,6 @@ def test_motions_are_as_near_as_they_should_be(found: Findings) -> None:
     for noise in ("any", "more", "less"):
         assert own[f"sloppy[{noise}]", "1x"] < 0.1 * twin
         assert own[f"sloppy[{noise}]", "1e5x"] > 10 * own[f"sloppy[{noise}]", "1x"]
-        assert error[f"sloppy[{noise}]", "1e5x"] > twin
     assert error["sloppy[more]", "1e5x"] > 2 * twin  # nothing damps forces that are too large
     assert rows["pumped"]["sloppy[more]", "1e5x"] > 1e-2  # [J]; exact ones do no such work
     assert rows["pumped"]["lotstedt", "1e-12"] < 1e-12
