@@ -12,8 +12,8 @@ do, tells what they say and what they die of, and kills.
 3. A process has limits: of memory (`RLIMIT_AS`, which macOS does not heed), of new processes and
    threads (`RLIMIT_NPROC`, which root is not held to), no core dumps; and it is the first that a
    Linux without memory kills.
-4. After a pass a process says `DONE` or `LOST` behind the word that came with the order, and at no
-   other time anything.  Its answers stand in the sheet (`harness.sheet`).
+4. After a pass a process says `DONE` or `LOST` behind the token that came with the order, and at
+   no other time anything.  Its answers stand in the sheet (`harness.sheet`).
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class Server:
     def __init__(self, parent: Connection) -> None:
         self.parent = parent
         self.processes: dict[int, socket.socket] = {}
-        self.words: dict[int, bytes] = {}
+        self.tokens: dict[int, bytes] = {}
         self.babbled: set[int] = set()
         self.recording: Recording | None = None
         self.posed: list[ContactQP] = []
@@ -114,7 +114,7 @@ class Server:
             self.tell(self.start(order), "started")
         elif do == "pass":
             pid = order.pop("pid")
-            self.words[pid] = order["word"].encode()
+            self.tokens[pid] = order["token"].encode()
             with contextlib.suppress(OSError, KeyError):  # its death is told anyway
                 self.processes[pid].sendall(json.dumps(order).encode() + b"\n")
         elif do == "kill":
@@ -162,10 +162,10 @@ class Server:
         if not said:
             end.close()  # it has closed its files; what that is worth is seen when it dies
             return
-        before, word, kind = said.rpartition(self.words.get(pid, b"\0"))
-        if before or not word:
+        before, token, kind = said.rpartition(self.tokens.get(pid, b"\0"))
+        if before or not token:
             self.babbled.add(pid)
-        if word:
+        if token:
             honest = pid not in self.babbled and kind in (DONE, LOST)
             self.tell(pid, kind.decode() if honest else "babbled", left=self.end_forks(pid))
 
@@ -193,7 +193,8 @@ class Server:
         for pid in self.processes:
             self.kill(pid)
         for pid in self.processes:
-            os.waitpid(pid, 0)
+            with contextlib.suppress(ChildProcessError):
+                os.waitpid(pid, 0)
         self.processes.clear()
         self.end_orphans()
 
@@ -276,7 +277,7 @@ def _live(
                 )
             except Lost:
                 said = LOST
-            link.sendall(order["word"].encode() + said)
+            link.sendall(order["token"].encode() + said)
 
 
 def _redirect(words: str) -> None:

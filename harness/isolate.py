@@ -223,9 +223,9 @@ class Block:
         """Let a process go on with a pass from `first`, until it ends, or is to be ended."""
         assert self._server is not None
         clock, limit = time.monotonic, hard_limit(self._limits.time)
-        word = os.urandom(8).hex()
+        token = os.urandom(8).hex()
         self._sheet.clear()
-        self._server.order("pass", pid=process.pid, first=first, budget=budget, word=word)
+        self._server.order("pass", pid=process.pid, first=first, budget=budget, token=token)
         position, moved = -1, clock()
         while True:
             event = self._server.event(WATCH)

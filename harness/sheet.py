@@ -123,9 +123,9 @@ class Sheet:
         self._file = open(path, "w+b", buffering=0)  # noqa: SIM115 (closed by `close`)
         try:
             self.clear()
-        except OSError:
+        except OSError as error:
             self.close()
-            raise
+            raise OSError(error.errno, error.strerror, str(path)) from None
 
     def clear(self) -> None:
         """No QP is under way and none is answered."""

@@ -11,6 +11,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator
@@ -21,7 +22,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness import isolate, replay
+from harness import isolate, live_process, replay
 from harness.isolate import MOST_LOST, hard_limit
 from harness.live_process import cause_of_death, server
 from harness.measure import Outcome, believed
@@ -281,6 +282,20 @@ def test_the_memory_that_is_held_is_watched(monkeypatch: pytest.MonkeyPatch) -> 
     assert rows.loc[rows["t"] == SCENE, ["verdict", "status_text"]].to_numpy().tolist() == [
         ["crashed", text]
     ]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no full disk to be had")
+def test_a_sheet_on_a_full_disk_is_an_error_with_its_name(tmp_path: Path) -> None:
+    (tmp_path / "sheet").symlink_to("/dev/full")
+    with pytest.raises(OSError, match=r"No space left on device.*sheet"):
+        Sheet(tmp_path / "sheet", Layout(SIZES))
+
+
+def test_a_server_that_cannot_be_started_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live_process, "_servers", threading.local())
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    with pytest.raises(live_process.IsolationError, match="the server of processes ended"):
+        replay(fake_recording(), ["Honest"], arms=["cold"], repeats=1)
 
 
 def test_without_fork_the_study_runs_in_our_process(monkeypatch: pytest.MonkeyPatch) -> None:

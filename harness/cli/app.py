@@ -87,8 +87,8 @@ def told(command: Command) -> Command:
             _give_up(error, 2, f"{what}; name another file or folder")
         except ValueError as error:
             _give_up(error, 2)
-        except RuntimeError as error:  # SimulationError: the simulation could not go on
-            if type(error).__name__ != "SimulationError":
+        except RuntimeError as error:  # the simulation, or the processes of a replay, did not go on
+            if type(error).__name__ not in ("SimulationError", "IsolationError"):
                 raise
             _give_up(error, 1)
         except KeyboardInterrupt:
