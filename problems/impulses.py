@@ -25,7 +25,8 @@ ImpulseRule = Literal["paper", "newton_coulomb"]
 IMPULSE_ACCURACY = 1e-10
 """Accuracy asked of an impulse, relative to the momentum: the paper factorizes exactly there."""
 LARGE_IDENTITY = 1000
-"""Without any friction V is the identity; of more columns than this it is not kept with the QP."""
+"""With μ_I = 0 V takes normals as they are; of more columns than this it is not kept with the QP,
+whose x are the normal multipliers then."""
 
 
 def cone_generators(
@@ -79,7 +80,7 @@ def solve_impulse(
         for place, turn in zip(places, direction, strict=True)
     ]
     count = V.shape[1]
-    identity = not assembly.frictions
+    identity = mu_I == 0 or not assembly.frictions
     qp, solution = qps.solve(
         A=scaled_columns(sp.csc_array(G @ V), D),
         d=D * v + F / D,
@@ -94,4 +95,4 @@ def solve_impulse(
         eps0=accuracy,
     )
     c = np.asarray(solution.x)
-    return qp.residual(c) / D, qp.multipliers(c)
+    return qp.residual(c) / D, V @ c
