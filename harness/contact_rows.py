@@ -34,30 +34,29 @@ def contact_rows(qp: ContactQP) -> ContactRows:
     """Rows of `qp`; none where it does not say which bodies touch."""
     direction = qp.feature[:, 4]
     normal, tangent = np.flatnonzero(direction == NORMAL), np.flatnonzero(direction == TANGENT)
+    pushes, slips = _directions(qp, normal), _directions(qp, tangent)
     of_pair = defaultdict(list)
-    for i, row in enumerate(normal.tolist()):
-        of_pair[_pair(qp, row)].append(i)
+    for i, pair in enumerate(_pairs(qp, normal)):
+        of_pair[pair].append(i)
     entries = [
         (f, i)
-        for f, row in enumerate(tangent.tolist())
-        for i in of_pair[_pair(qp, row)]
-        if abs(_along(qp, row) @ _along(qp, int(normal[i]))) < PARALLEL_SINE
+        for f, pair in enumerate(_pairs(qp, tangent))
+        for i in of_pair[pair]
+        if abs(slips[f] @ pushes[i]) < PARALLEL_SINE
     ]
     rows, columns = np.array(entries, dtype=np.int64).reshape(-1, 2).T
     shape = (tangent.size, normal.size)
-    return ContactRows(
-        normal, tangent, sp.csr_array((np.ones(rows.size), (rows, columns)), shape=shape)
-    )
+    members = sp.csr_array((np.ones(rows.size), (rows, columns)), shape=shape)
+    return ContactRows(normal, tangent, members)
 
 
-def _pair(qp: ContactQP, row: int) -> tuple[int, int]:
-    one, _, other, _, _ = qp.feature[row].tolist()
-    return (one, other) if one < other else (other, one)
+def _pairs(qp: ContactQP, rows: Indices) -> list[tuple[int, ...]]:
+    """The two bodies of each row, the lower number first."""
+    return [tuple(pair) for pair in np.sort(qp.feature[rows][:, [0, 2]], axis=1).tolist()]
 
 
-def _along(qp: ContactQP, row: int) -> Vector:
-    """The direction of a row in the plane: how it moves the body of its corner.  (2,)"""
-    at = 3 * int(qp.feature[row, 0])
-    column = qp.A[at : at + 2, [row]]
-    column = column.toarray() if sp.issparse(column) else column
-    return np.asarray(column[:, 0] * qp.D[at : at + 2])
+def _directions(qp: ContactQP, rows: Indices) -> Vector:
+    """How each row moves the body of its corner: a unit vector in the plane.  (n, 2)"""
+    at = 3 * qp.feature[rows, 0]
+    parts = [np.asarray(qp.A[at + i, rows]).ravel() * qp.D[at + i] for i in (0, 1)]
+    return np.stack(parts, axis=1)
