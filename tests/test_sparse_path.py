@@ -22,14 +22,17 @@ from solvers.active_set.sparse_cholesky import (
     solve_L,
     solve_LT,
 )
+from solvers.active_set.sparse_loop import NOISE, conjugate_gradients
 from solvers.active_set.sparse_pattern import FEW_ZEROS, Pattern, contact_order, make_pattern
 from solvers.active_set.sparse_workspace import (
     CHANGED,
+    IN_F,
     IN_L,
     SPREAD,
     SparseWorkspace,
     make_sparse_workspace,
 )
+from solvers.active_set.workspace import GRADIENT, LOWER, RESIDUAL, UPPER, P
 from tests.assertions import assert_kkt, force_scale
 
 
@@ -195,6 +198,49 @@ def test_a_column_that_depends_on_others_is_refused() -> None:
     room.I[IN_L, twin] = 0
     assert cholesky(room.pattern, room.Bx, room.S, room.I, room.Lx, 0.0) > 0
     assert not insert_column(room.pattern, room.Bx, room.Lx, room.S, room.I, twin, 0.0)
+
+
+def old_direction(noise: float, bound: float) -> tuple[int, float, float]:
+    """Conjugate gradients on 100 columns of rank 40, with L of A as it was, 1e-3 earlier.
+
+    The residual stays large in the other 20 of 60 dimensions, and with it the rounding.  Bounds
+    are −bound ≤ z ≤ bound.  Returns the iterations, ‖p‖ in units of the least possible, and the
+    relative error of B p.
+    """
+    rng = np.random.default_rng(4)
+    room, B = laid_out(contact_matrix(rng, 20, 100), np.ones(100, dtype=bool))
+    m, k = B.shape
+    for moved in (0.0, 1e-3):
+        B *= 1.0 + moved * rng.standard_normal(B.shape)
+        B[2::3] = B[::3] + B[1::3]
+        padded = np.vstack([B, np.zeros(k)])
+        room.Bx[:k] = padded[room.pattern.Bi, np.arange(k)[:, None]]
+        if moved == 0.0:
+            assert cholesky(room.pattern, room.Bx, room.S, room.I, room.Lx, 1e-4) > 0
+    r = 1e4 * rng.standard_normal(m)
+    S, I = room.S, room.I
+    S[RESIDUAL, :m], S[GRADIENT, :k], I[IN_F, :k] = r, B.T @ r, 1
+    S[LOWER, :k], S[UPPER, :k] = -bound, bound
+    made = conjugate_gradients(room.pattern, room.Bx, room.Lx, S, I, m, 1e-12, noise, 60, False)
+    least = -np.linalg.pinv(B, rcond=1e-10) @ r
+    error = float(np.linalg.norm(B @ (S[P, :k] - least)) / np.linalg.norm(B @ least))
+    return made, float(np.linalg.norm(S[P, :k]) / np.linalg.norm(least)), error
+
+
+def test_rounding_along_dependent_columns_is_not_followed() -> None:
+    """‖p‖ is 1e16 times the least otherwise."""
+    rounding = 4 * float(np.finfo(float).eps) * 1e5
+    made, size, error = old_direction(NOISE * rounding**2 / 1e-4, np.inf)
+    assert 0 < made < 20
+    assert size < 100 and error < 1e-8
+
+
+def test_a_direction_that_is_blocked_is_only_roughly_right() -> None:
+    rounding = 4 * float(np.finfo(float).eps) * 1e5
+    wide, _, fine = old_direction(NOISE * rounding**2 / 1e-4, np.inf)
+    blocked, _, rough = old_direction(NOISE * rounding**2 / 1e-4, 1e-3)
+    assert 0 < blocked < wide / 2
+    assert fine < 1e-8 < rough < 1e-2
 
 
 def test_a_column_of_three_bodies_is_solved_by_the_dense_path() -> None:

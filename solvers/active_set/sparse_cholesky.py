@@ -111,20 +111,23 @@ def cholesky(pattern, Bx, S, I, Lx, shift):
                 if not inside[c]:
                     continue
                 target = begin + (c - c0) * height
-                for i in range(a, end):
-                    work[i] = 0.0
-                q = 0
-                while q + 3 < columns:
-                    add_four(Lx, at + q * size, size, a, end, work, 0, 1.0)
-                    q += 4
-                while q < columns:
-                    one = at + q * size
-                    x = Lx[one + a]
+                if columns < 4:
                     for i in range(a, end):
-                        work[i] += x * Lx[one + i]
-                    q += 1
-                for i in range(a, end):
-                    Lx[target + place[Ri[row + i]]] -= work[i]
+                        value = 0.0
+                        for q in range(columns):
+                            value += Lx[at + q * size + a] * Lx[at + q * size + i]
+                        Lx[target + place[Ri[row + i]]] -= value
+                else:
+                    for i in range(a, end):
+                        work[i] = 0.0
+                    for q in range(0, columns - 3, 4):
+                        add_four(Lx, at + q * size, size, a, end, work, 0, 1.0)
+                    for q in range(columns // 4 * 4, columns):
+                        x = Lx[at + q * size + a]
+                        for i in range(a, end):
+                            work[i] += x * Lx[at + q * size + i]
+                    for i in range(a, end):
+                        Lx[target + place[Ri[row + i]]] -= work[i]
                 flops += 2 * columns * (end - a)
         for q in range(width):
             at = begin + q * height

@@ -115,14 +115,17 @@ MANY = 20.0
 """Iterations on today's L beyond which the next shift is lower, by `LOWERED`, fewer where a new L
 costs less than they do; twice as many, and it is lowered at once."""
 LOWERED = 1e-2
-PER_ENTRY, PER_COLUMN = 12.0, 50.0
-"""What a factorization takes beside its flops, for each entry and column of L, in flops; measured.
-The online rule, which is about time, counts them, the paper's does not."""
+PER_FLOP, PER_ENTRY, PER_COLUMN = 0.37, 13.0, 83.0
+"""What a factorization takes for each flop, entry and column of L, in units of 1/`PRICE` of an
+iteration's flop; measured.  The online rule, which is about time, counts so; the paper's counts
+flops."""
 MOST_FACTORS = 8
 """Factorizations for one direction: an old L's place is taken, the shift lowered from first to
 least, and something to spare."""
 MOST_ITERATIONS = 200
 """Conjugate gradient iterations of one direction with today's L."""
+ROUGH = 1e-3
+"""Part of the gradient at which p is looked at: if it is blocked, it is not made more accurate."""
 NOISE = 10.0
 """vᵀy in units of (rounding in Δ)²/shift, below which it may be rounding."""
 TENTH = 0.1
@@ -233,7 +236,7 @@ def factorize(pattern, Bx, Lx, S, I, f):
     for c in range(k):
         for b in range(SLOTS):
             Bx[k + c, b] = Bx[c, b]
-    S[REALS, FACTORIZATION_COST] = flops + PER_ENTRY * pattern.entries + PER_COLUMN * k
+    S[REALS, FACTORIZATION_COST] = PER_FLOP * flops + PER_ENTRY * pattern.entries + PER_COLUMN * k
     S[REALS, INVERSE_NORM] = inverse_norm(pattern, S, Lx)
     I[COUNTS, AGE] = 0
     I[COUNTS, FACTORIZATIONS] += 1
@@ -289,12 +292,23 @@ def iteration_flops(pattern, f, m, plain):
 
 
 @kernel
+def is_blocked(S, I, k):
+    """Whether z + p is beyond a bound."""
+    z, p, low, high, inside = S[Z], S[P], S[LOWER], S[UPPER], I[IN_F]
+    blocked = False
+    for c in range(k):
+        if inside[c]:
+            blocked = blocked or z[c] + p[c] < low[c] or z[c] + p[c] > high[c]
+    return blocked
+
+
+@kernel
 def conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, noise, limit, plain):
     """Minimise ‖B_F p + r‖ over p, preconditioned by L Lᵀ, until ‖B_Fᵀ(B_F p + r)‖ ≤ tolerance.
 
     Row GRADIENT holds Bᵀ r.  p is left in row P, 0 outside F, and B_F p + r in row REMAINDER.
-    Returns the iterations made, as a negative number, −1 − iterations, when `limit` of them were
-    not enough.
+    A p that will be cut short need only be roughly right.  Returns the iterations made, as a
+    negative number, −1 − iterations, when `limit` of them were not enough.
 
     With M⁻¹ = E (L Lᵀ)⁻¹ Eᵀ, E the rows of F, which is positive definite whatever columns L has:
     v = B_Fᵀ s, y = M⁻¹ v, q := −y + (vᵀy/vᵀy before) q, α = vᵀy/‖B_F q‖² (Björck and Elfving 1979).
@@ -312,6 +326,7 @@ def conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, noise, limit, plain
         p[c] = 0.0
         q[c] = 0.0
     gamma = 1.0
+    rough = 0.0
     iterations = 0
     while True:
         slope = 0.0
@@ -329,6 +344,12 @@ def conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, noise, limit, plain
             return iterations
         if iterations >= limit:
             return -1 - iterations
+        if iterations == 0:
+            rough = ROUGH * sqrt(slope)
+        elif sqrt(slope) <= rough:
+            rough = 0.0
+            if is_blocked(S, I, k):
+                return iterations
         if not plain:
             solve_L(pattern, Lx, y)
             solve_LT(pattern, Lx, y)
