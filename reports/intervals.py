@@ -3,7 +3,8 @@
 Successive QPs of a motion resemble each other, so that they are not so many independent samples.
 They are resampled in stretches of `STRETCH`: with replacement, from every possible beginning, as
 many as the sequence is long (the moving-block bootstrap, Künsch 1989).  Seeded: the same rows give
-the same interval.
+the same interval.  It knows nothing of what makes two processes differ that do the same: an arm of
+a solver has one process, and runs of the same code differ by some per cent.
 """
 
 from __future__ import annotations
