@@ -147,8 +147,9 @@ def _table(pairs: pd.DataFrame, name: str, title: str, results: Results) -> Tabl
             "of the reference (exact), of the last QP (warm), of 5 and 20 QPs ago, extrapolated "
             "linearly in time, or the last ones spoilt: x moved by ‖x‖ at random, the working set "
             "at random.  bare: warm without the solver's memory.  shuffled: warm, the QPs in "
-            "random order.  mean: geometric, in µs; what is done to make a start disturbs the next "
-            f"solve by a part of {microseconds(DISTURBED)} µs.  better, worse: by more than the spread of the passes, which chance "
+            "random order.  mean: geometric, in µs; making a start disturbs the next solve by part "
+            f"of {microseconds(DISTURBED)} µs.  better, worse: by more than the spread of the "
+            "passes, which chance "
             "too does to a few per cent."
         ),
         data=data,
