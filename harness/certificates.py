@@ -67,8 +67,9 @@ def certificates(
 
     Returns one row per QP and answer: scene, step, kind, k, independent (`Facts.independent`),
     answer, error and bound over the scale, radius (of the proof, likewise), below (whether the
-    bound is below the error by more than the radius) and sharp (bound/error; NaN for an error that
-    is rounding).  QPs without columns or without a proof are left out.
+    bound is below the error by more than the radius), feasible (whether x is within its bounds)
+    and sharp (bound/error; NaN for an error that is rounding).  QPs without columns or without a
+    proof are left out.
     """
     rng = np.random.default_rng(seed)
     chosen = np.unique(np.linspace(0, len(recording.qps) - 1, at_most).astype(int))
@@ -95,6 +96,7 @@ def certificates(
                     "bound": bound / facts.scale,
                     "radius": known.error_bound / facts.scale,
                     "below": bound < error - known.error_bound,
+                    "feasible": bool(((qp.lower <= x) & (x <= qp.upper)).all()),
                     "sharp": bound / error if error > ROUNDING * facts.scale else np.nan,
                 }
             )
@@ -103,7 +105,7 @@ def certificates(
 
 COLUMNS = (
     *("scene", "step", "kind", "k", "independent", "answer"),
-    *("error", "bound", "radius", "below", "sharp"),
+    *("error", "bound", "radius", "below", "feasible", "sharp"),
 )
 """What `certificates` returns."""
 
@@ -123,13 +125,19 @@ def _answers(
         yield PREVIOUS, np.where(place >= 0, before.x[place], 0.0)
 
 
-def summary(found: pd.DataFrame) -> pd.DataFrame:
-    """One line per scene and sort of answer: how many, how many below, quantiles of sharp.
+def summary(found: pd.DataFrame, by: tuple[str, ...] = ("answer",)) -> pd.DataFrame:
+    """One line per sort of answer: how many, how many below, and how sharp the others.
 
-    found : of `certificates`, of one or more recordings
+    found : of `certificates`, of one or more recordings;  by : columns that make a line
+
+    Columns: qps, below, error (median), quantiles 0.5, 0.9, 0.99 and 1 of sharp as median, q90,
+    q99, worst, and floor: the largest bound on a feasible answer whose error is rounding.
     """
-    grouped = found.groupby(["scene", "answer"], sort=False)
-    table = grouped.agg(qps=("step", "size"), below=("below", "sum"), error=("error", "median"))
-    quantiles = grouped["sharp"].quantile([0.5, 0.9, 0.99, 1.0]).unstack()
-    quantiles.columns = ["median", "q90", "q99", "worst"]
-    return table.join(quantiles).reset_index()
+    lines = []
+    for key, part in found.groupby(list(by), sort=False):
+        quantiles = part["sharp"].quantile([0.5, 0.9, 0.99, 1.0]).tolist()
+        right = part.loc[part["sharp"].isna() & part["feasible"], "bound"]
+        counts = len(part), int(part["below"].sum()), part["error"].median()
+        lines.append((*key, *counts, *quantiles, right.max()))
+    names = ("qps", "below", "error", "median", "q90", "q99", "worst", "floor")
+    return pd.DataFrame(lines, columns=[*by, *names])

@@ -1,0 +1,135 @@
+"""The error bound against answers in exact arithmetic: never below the error, and how sharp."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import harness.oracle as oracle
+from harness import judge
+from harness.certificates import ANSWERS, PREVIOUS, certificates, summary
+from harness.error_bound import error_bound
+from harness.facts import facts_of
+from harness.oracle import reference
+from problems.qp import ContactQP
+from tests.random_qps import KINDS, random_qp
+from tests.runs import scene_recording
+
+INF = np.inf
+SCENES = ("fig2", "fig3", "fig4", "fig5")
+
+
+@pytest.fixture(scope="module")
+def found() -> pd.DataFrame:
+    return pd.concat([certificates(scene_recording(name), at_most=60) for name in SCENES])
+
+
+def test_no_bound_on_recorded_qps_is_below_the_error(found: pd.DataFrame) -> None:
+    assert len(found) > 3000
+    assert set(found["answer"]) == {*ANSWERS, PREVIOUS}
+    assert (found["error"] > 0.5).sum() > 500  # answers that are plainly wrong
+    assert (~found["independent"]).sum() > 200  # and QPs that lack rank
+    assert not found["below"].any()
+
+
+def test_bounds_on_recorded_qps_are_sharp(found: pd.DataFrame) -> None:
+    sharp = found["sharp"].dropna()
+    assert sharp.median() < 1.01
+    assert sharp.quantile(0.99) < 3
+    right = found.loc[found["sharp"].isna() & found["feasible"], "bound"]
+    assert right.quantile(0.99) < 1e-12 and right.max() < 1e-6
+
+
+def test_the_summary_counts_what_was_found(found: pd.DataFrame) -> None:
+    table = summary(found, by=("scene", "answer"))
+    assert len(table) == len(SCENES) * (len(ANSWERS) + 1)
+    assert len(summary(found)) == len(ANSWERS) + 1
+    assert table["qps"].sum() == len(found) and table["below"].sum() == 0
+    assert (table["median"] <= table["worst"]).sum() > 40
+
+
+def test_a_reference_that_is_wrong_is_found_out() -> None:
+    """If A x* were off by 1e-6, bounds would be seen below the error."""
+    recording = scene_recording("fig5")
+    off = [replace(r, Ax=r.Ax + 1e-6) for r in recording.references]
+    assert certificates(replace(recording, references=off), at_most=20)["below"].any()
+
+
+def test_without_proofs_nothing_is_said() -> None:
+    recording = scene_recording("fig5")
+    bounded = [replace(r, proof="bound") for r in recording.references]
+    none = certificates(replace(recording, references=bounded), at_most=5)
+    assert none.empty and summary(none).empty
+
+
+def answers(qp: ContactQP, x: np.ndarray, rng: np.random.Generator) -> list[np.ndarray]:
+    off = 10.0 ** rng.uniform(-13, 1) * np.abs(x).max(initial=1e-3) * rng.standard_normal(qp.k)
+    return [x, x + off, np.clip(x + off, qp.lower, qp.upper), -x, np.zeros(qp.k)]
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_no_bound_on_random_qps_is_below_the_error(kind: str) -> None:
+    rng, proved = np.random.default_rng(8), 0
+    for seed in range(100, 112):
+        qp, _ = random_qp(kind, seed)
+        facts = facts_of(qp)
+        known = reference(qp, facts)
+        if known.proof != "exact":  # dependent but for rounding, and so ill-posed at times
+            assert kind == "rank_deficient"
+            continue
+        proved += 1
+        for x in answers(qp, known.x, rng):
+            error = float(np.linalg.norm(facts.A @ x - known.Ax))
+            assert error_bound(qp, x, facts) >= error - known.error_bound
+    assert proved >= 6
+
+
+def nearly_dependent(base: ContactQP, gap: float, rng: np.random.Generator) -> ContactQP:
+    """With two more columns that are copies of others, but for a relative `gap`."""
+    copied = base.dense_A[:, rng.integers(base.k, size=2)] * [1.0, -1.0]
+    copied *= 1 + gap * rng.standard_normal(copied.shape)
+    lower, upper = np.append(base.lower, [0.0, -1.0]), np.append(base.upper, [INF, 1.0])
+    return ContactQP(np.hstack([base.dense_A, copied]), base.d, lower, upper)
+
+
+@pytest.mark.parametrize("kind", ["two_sided", "badly_scaled", "contact_large", "degenerate"])
+@pytest.mark.parametrize("gap", [0.0, 1e-15, 1e-13, 1e-11, 1e-8, 1e-4])
+def test_nearly_dependent_columns(kind: str, gap: float) -> None:
+    """The bound alone holds where `Facts.independent` says so; the judge's wherever there is a
+    proof."""
+    rng = np.random.default_rng([3, *kind.encode()])
+    for seed in range(6):
+        qp = nearly_dependent(random_qp(kind, seed)[0], gap, rng)
+        facts = facts_of(qp)
+        known = reference(qp, facts)
+        if known is None or known.proof != "exact":
+            assert not facts.independent
+            continue
+        for x in answers(qp, known.x, rng):
+            error = float(np.linalg.norm(facts.A @ x - known.Ax))
+            verdict = judge(qp, x, facts=facts, reference=known)
+            assert verdict.error_bound >= error
+            if facts.independent:
+                assert error_bound(qp, x, facts) >= error - known.error_bound
+
+
+def test_where_the_bound_alone_does_not_hold() -> None:
+    """A column within 1e-13 of the middle of two others counts as dependent on them.  The recorded
+    data say otherwise, and what they say is known to the proof alone."""
+    short = 0
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        a, b, off, d = rng.standard_normal((4, 3))
+        A = np.column_stack([a, b, 0.5 * (a + b) + 1e-13 * off])
+        qp = ContactQP(A, d, np.zeros(3), np.full(3, INF))
+        facts, known = facts_of(qp), reference(qp)
+        assert not facts.independent
+        if known.proof == "exact":
+            x = oracle._active_set(facts).astype(float)  # by singular values above 1e-13
+            error = float(np.linalg.norm(facts.A @ x - known.Ax))
+            short += error_bound(qp, x, facts) < error - known.error_bound
+            assert judge(qp, x, facts=facts, reference=known).error_bound >= error
+    assert short > 0
