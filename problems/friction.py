@@ -14,7 +14,8 @@ forces depend on it (`problems.friction_passes`).
 This differs from the paper, because: 1. one sliding contact obeys λ_n = λ₀ + γ λ_* with the gain
 γ = −μ s (g_NᵀM⁻¹g_F)/(g_NᵀM⁻¹g_N), and with (4.2) errors grow at any h unless −1/(1+2w) < γ;
 2. (4.4) makes a start with sliding friction first order, a converged start keeps order 2; 3. (4.4)
-is used with φ(q_*) − φ(q_{n−1}), not φ(q_*): drift times k would explode; 4. λ_* is clipped at 0.
+is used with φ(q_*) − φ(q_{n−1}), not φ(q_*): drift times k would explode; 4. λ_* is clipped at 0;
+5. (4.4) gives 0 between stacked bodies: where nothing slides, corrected passes begin with λ_* = ∞.
 """
 
 from __future__ import annotations

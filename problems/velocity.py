@@ -110,7 +110,7 @@ class VelocityEquations:
         eps0 = (0.01 if iterate else 0.1) * self.eps
         if not rubs:
             lam_star = np.zeros(len(assembly.normals))
-        elif known == STUCK:
+        elif known == STUCK or (correct and known == 0 and not slides.any()):
             lam_star = np.full(len(assembly.normals), np.inf)
         elif known == 0:
             f_before = self.forces(q_before, history.v, t - h)
