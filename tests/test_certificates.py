@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -15,6 +16,14 @@ from harness.error_bound import error_bound
 from harness.facts import facts_of
 from harness.oracle import reference
 from problems.qp import ContactQP
+from reports.certificates import (
+    certificates_answer,
+    certificates_of,
+    certificates_tables,
+    plot_certificates,
+    references_table,
+)
+from reports.results import Results, empty_rows
 from tests.random_qps import KINDS, random_qp
 from tests.runs import scene_recording
 
@@ -133,3 +142,39 @@ def test_where_the_bound_alone_does_not_hold() -> None:
             short += error_bound(qp, x, facts) < error - known.error_bound
             assert judge(qp, x, facts=facts, reference=known).error_bound >= error
     assert short > 0
+
+
+# --- how they are reported -----------------------------------------------------------------------
+
+
+def test_tables_count_what_references_rest_on(found: pd.DataFrame) -> None:
+    recording = scene_recording("fig5")
+    proofs = ["exact", "bound", "ill-posed"]
+    mixed = [
+        replace(r, proof=proofs[i % 3]) if i else None for i, r in enumerate(recording.references)
+    ]
+    results = Results(empty_rows(), {"fig5": replace(recording, references=mixed)})
+    line = references_table(results).data.iloc[0]
+    assert line["none"] == 1 and line[proofs].sum() + 1 == line["QPs"] == len(mixed)
+    said = " ".join(certificates_answer(results, found).sentences)
+    assert "are ill-posed" in said and "1 have no reference" in said
+    assert "was below the error 0 times" in said
+
+
+def test_tables_and_figure_of_certificates(found: pd.DataFrame, tmp_path: Path) -> None:
+    (table,) = certificates_tables(found)
+    assert "the bound is below the error 0 times" in table.to_markdown()
+    lied = found.assign(below=found["error"] > 1.0)
+    assert "below the error 0 times" not in certificates_tables(lied)[0].to_markdown()
+    path = plot_certificates(found, tmp_path / "certificates.svg")
+    assert path.stat().st_size > 1000
+
+
+def test_nothing_is_reported_without_recordings(tmp_path: Path) -> None:
+    results = Results(empty_rows())
+    nothing = certificates_of(results)
+    assert nothing.empty and certificates_tables(nothing) == []
+    assert certificates_answer(results, nothing) is None
+    assert references_table(results).data.empty
+    with pytest.raises(ValueError, match="no recording with proved references"):
+        plot_certificates(nothing, tmp_path / "none.svg")

@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness import judge
+from harness import judge, replay
 from harness.contact_rows import contact_rows
 from harness.facts import facts_of
 from harness.physics import MEASURES, physics
 from problems import simulate
 from problems.qp import NORMAL, TANGENT, ContactQP
+from reports.physics import physics_table
+from reports.results import Results, prepare
 from solvers import make_solver
 from tests.runs import one_box, scene_recording, scene_run
 
@@ -114,20 +116,21 @@ def test_members_are_those_of_the_constraint_graph() -> None:
     assert rows.members.toarray().tolist() == [[1.0, 1.0]]
 
 
-def test_every_tangent_of_a_scene_has_its_normals() -> None:
-    """And μ times their forces is the bound where the passes of friction have settled."""
-    recording = scene_recording("fig5")
-    bounded = 0
+@pytest.mark.parametrize("name", ["fig4", "fig5"])
+def test_every_tangent_of_a_scene_has_its_normals(name: str) -> None:
+    """And μ times their forces is about its bound once the passes of friction have begun."""
+    recording = scene_recording(name)
+    near, tangents = 0, 0
     for qp, solution, mu in zip(recording.qps, recording.solutions, recording.mu, strict=True):
         rows = contact_rows(qp)
         assert (np.asarray(rows.members.sum(axis=1)).ravel() >= 1).all()
         assert (mu[rows.tangent] == 0.5).all() and not mu[rows.normal].any()
         assert rows.members.sum() <= rows.normal.size
-        if qp.kind == "corrector":
+        if qp.kind == "corrector" and facts_of(qp).rank == qp.k:  # λ is unique
             pushed = mu[rows.tangent] * (rows.members @ solution.x[rows.normal])
-            at_bound = np.isclose(qp.upper[rows.tangent], pushed, rtol=0.05)
-            bounded += int(at_bound.sum())
-    assert bounded > 20
+            near += int(np.isclose(qp.upper[rows.tangent], pushed, rtol=0.05).sum())
+            tangents += rows.tangent.size
+    assert near >= 0.9 * tangents
 
 
 @pytest.mark.parametrize("name", ["fig2", "fig4", "fig5"])
@@ -157,3 +160,15 @@ def test_an_impulse_loses_energy_and_its_cone_is_looked_at() -> None:
         known = judge(qp, -np.ones(qp.k))
         assert found.approach > 0 and found.energy_error > 0
         assert known.pull == 1.0 and np.isnan(known.coulomb_excess)
+
+
+def test_the_table_of_physics_tells_the_worst_of_each_backend() -> None:
+    recording = scene_recording("fig5")
+    rows = prepare(replay(recording, ["daqp", "pgs"], ["default"], ["cold"], repeats=1))
+    data = physics_table(Results(rows), "default").data.set_index("solver")
+    for solver in ("daqp", "pgs"):
+        part = rows[(rows["solver"] == solver) & (rows["k"] > 0)]
+        assert data.loc[solver, "approach [m/s]"] == part["approach"].max()
+        assert data.loc[solver, "answers"] == part["physics_error"].notna().sum() > 100
+    assert data.loc["daqp", "max"] < data.loc["pgs", "max"]
+    assert physics_table(Results(rows), "high").data.empty
