@@ -41,7 +41,7 @@ from harness.study import record_into
 SCENE, UNTIL = "tower,bodies=3", 0.05
 SOLVERS = ("lotstedt", "daqp", "quadprog")
 REPEATS = 2
-TIMES = ("runtime", "runtime_median", "build_time", "setup_time", "solve_time", "call_time")
+TIMES = ("runtime", "runtime_median", "build_time", "setup_time", "solve_time", "call_time", "pace")
 MAY_DIFFER = {"spent.json", ".lock"}
 """Files that hold seconds or process numbers."""
 PATIENCE = 120.0
@@ -180,11 +180,24 @@ def difference(found: dict[str, Any], expected: dict[str, Any]) -> str:
     if found.keys() != expected.keys():
         return f"files: {sorted(found.keys() ^ expected.keys())}"
     for name, value in expected.items():
-        same = (
-            value.equals(found[name]) if isinstance(value, pd.DataFrame) else value == found[name]
-        )
-        if not same:
+        if isinstance(value, pd.DataFrame):
+            words = first_difference(found[name], value)
+            if words:
+                return f"{name}: {words}"
+        elif value != found[name]:
             return name
+    return ""
+
+
+def first_difference(found: pd.DataFrame, expected: pd.DataFrame) -> str:
+    """The first entry in which two tables differ, or nothing."""
+    if found.shape != expected.shape:
+        return f"has shape {found.shape} instead of {expected.shape}"
+    for name in expected:
+        pairs = zip(found[name], expected[name], strict=True)
+        for row, (value, before) in enumerate(pairs):
+            if value is not before and value != before and not (pd.isna(value) and pd.isna(before)):
+                return f"row {row}, {name}: {value!r} instead of {before!r}"
     return ""
 
 
