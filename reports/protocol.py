@@ -199,7 +199,12 @@ def record_command(label: str, parameters: Mapping[str, Any]) -> str:
     """The command that records a scene, from its label such as "fig4,mu_I=0.8".
 
     parameters : of the recording; they tell whether it ended before the scene's own end
+
+    A stretched recording is made from that of its scene.
     """
+    original, stretched, condition = label.partition(",condition=")
+    if stretched:
+        return f"glambda stretch recordings/{original}.h5 --condition {condition} -o recordings"
     name, *chosen = label.split(",")
     options = "".join(f" --set {entry}" for entry in chosen)
     until = parameters.get("run.until")

@@ -29,6 +29,7 @@ from reports.pareto import (
     plot_pareto,
     sweep_rows,
 )
+from reports.protocol import record_command
 from reports.results import Results, form_of, in_order, prepare, set_apart
 from reports.starts import ORDER, plot_starts, start_pairs, starts_answer, starts_tables
 from solvers.registry import form_variants, solver_class
@@ -235,6 +236,11 @@ def form_results() -> Results:
         ks = {f"{scene}/{i:06d}": qp.k for i, qp in enumerate(recording.qps)}
         parts.append(rows.assign(k=rows["problem"].map(ks), recording_digest=scene))
     return results_of(pd.concat(parts, ignore_index=True), recordings)
+
+
+def test_a_stretched_recording_is_had_again_by_stretching() -> None:
+    told = record_command("fig4,mu_I=0.8,condition=10000", {})
+    assert told == "glambda stretch recordings/fig4,mu_I=0.8.h5 --condition 10000 -o recordings"
 
 
 def test_forms_are_compared_by_time_and_by_condition(tmp_path: Path) -> None:
