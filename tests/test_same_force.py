@@ -33,6 +33,7 @@ def sample(name: str) -> Recording:
         qps=whole.qps[kept],
         solutions=whole.solutions[kept],
         references=whole.references[kept],
+        mu=whole.mu[kept],
     )
 
 
