@@ -38,6 +38,9 @@ def replay(
     ] = "cold,warm",
     repeats: Annotated[int, typer.Option(min=1, help="timed passes of each run")] = 3,
     time_limit: Annotated[float, typer.Option(help="[s] per QP; beyond, it is a timeout")] = 1.0,
+    memory_limit: Annotated[
+        float, typer.Option(help="[GiB] per backend; beyond, it has crashed")
+    ] = 4.0,
     qp: Annotated[
         int | None, typer.Option(help="solve and show this one QP; nothing is stored")
     ] = None,
@@ -85,6 +88,7 @@ def replay(
             results=output,
             repeats=repeats,
             time_limit=time_limit,
+            memory_limit=memory_limit,
             progress=tell,
         )
     terminal().print(replay_table(rows))
