@@ -70,16 +70,16 @@ class _Exact:
 
     def __init__(self, qp: ContactQP, x: Vector) -> None:
         A = qp.dense_A
-        a, self.b = _exponent(A), _exponent(qp.d)
-        self.qp, self.unit = qp, fmpq(2) ** (self.b - a)
-        self.A = fmpz_mat(qp.m, qp.k, [_integer(v, a) for v in A.ravel().tolist()])
+        self.qp, self.a, self.b = qp, _exponent(A), _exponent(qp.d)
+        unit = fmpq(2) ** (self.b - self.a)
+        self.A = fmpz_mat(qp.m, qp.k, [_integer(v, self.a) for v in A.ravel().tolist()])
         self.gram = self.A.transpose() * self.A
         self.rows = self.gram.table()
         d = fmpz_mat(qp.m, 1, [_integer(v, self.b) for v in qp.d.tolist()])
         self.slope = self.A.transpose() * d
-        self.lower = [None if v == -np.inf else _rational(v) / self.unit for v in qp.lower.tolist()]
-        self.upper = [None if v == np.inf else _rational(v) / self.unit for v in qp.upper.tolist()]
-        self.y = [_rational(v) / self.unit for v in x.tolist()]
+        self.lower = [None if v == -np.inf else _rational(v) / unit for v in qp.lower.tolist()]
+        self.upper = [None if v == np.inf else _rational(v) / unit for v in qp.upper.tolist()]
+        self.y = [_rational(v) / unit for v in x.tolist()]
         self.free = {j for j in range(qp.k) if self._above(j) and self._below(j)}
         self.exchanges = 0
 
@@ -168,15 +168,16 @@ class _Exact:
     def proof(self) -> Proof:
         """The answer, rounded."""
         y, one = _joint(self.y)
-        size = fmpq(2) ** self.b / one
-        exact = [entry * size for entry in (self.A * y).entries()]
-        Ax = [_nearest(value) for value in exact]
-        square = sum(((_rational(f) - e) ** 2 for f, e in zip(Ax, exact, strict=True)), fmpq(0))
-        # a division and a root, each rounded once, and squares below the least float64
-        radius = 0.0 if square == 0 else float(np.sqrt(_nearest(square))) * (1 + 1e-15) + 1e-160
-        x = np.array([_nearest(value * self.unit) for value in self.y], float)
-        x = np.clip(x, self.qp.lower, self.qp.upper)
-        return Proof(x, np.array(Ax, float), radius, self.exchanges)
+        rounded = [_rounded(entry, one, self.b) for entry in (self.A * y).entries()]
+        Ax, errors = np.array(rounded, float).reshape(-1, 2).T
+        x = np.array([_rounded(entry, one, self.b - self.a)[0] for entry in y.entries()], float)
+        return Proof(
+            x=np.clip(x, self.qp.lower, self.qp.upper),
+            Ax=Ax.copy(),
+            # each error was rounded once, and its square may be below the least float64
+            radius=float(np.linalg.norm(errors)) * (1 + 1e-12) + 1e-160 * bool(errors.any()),
+            exchanges=self.exchanges,
+        )
 
 
 def _exponent(values: Vector) -> int:
@@ -201,9 +202,15 @@ def _rational(value: float) -> fmpq:
     return fmpq(*value.as_integer_ratio())
 
 
-def _nearest(value: fmpq) -> float:
-    """The nearest float64.  Raises OverflowError beyond them."""
-    return int(value.p) / int(value.q)
+def _rounded(numerator: fmpz, denominator: fmpz, e: int) -> tuple[float, float]:
+    """The float64 nearest to 2ᵉ numerator/denominator, and how far it is.
+
+    Raises OverflowError where there is none.
+    """
+    above, below = int(numerator) << max(e, 0), int(denominator) << max(-e, 0)
+    nearest = above / below
+    p, q = nearest.as_integer_ratio()
+    return nearest, abs(above * q - p * below) / (below * q)
 
 
 def _joint(values: list[fmpq]) -> tuple[fmpz_mat, fmpz]:
