@@ -137,8 +137,8 @@ def _forms_table(rows: pd.DataFrame, results: Results) -> Table:
             "normal: P = AᵀA, the adapters' own choice.  residual: y = A x as rows.  velocity: the "
             "strictly convex problem (3.4), whose multipliers are x.  Times in µs, iterations and "
             f"errors at setting {strict}, over all QPs with a multiplier as recorded; ÷ normal is "
-            "of the cold medians.  Gλ error is of the scale; the judge's bound stands in where there is no "
-            "reference."
+            "of the cold medians.  Gλ error is of the scale; the judge's bound stands in where "
+            "there is no reference."
         ),
         data=data,
         formats={
@@ -331,10 +331,10 @@ def _by_decades(at: pd.DataFrame, share: pd.DataFrame, strict: str) -> list[str]
             ("fewer", gain.index[gain["min"] < -NOTABLE]),
         ):
             if len(who):
-                parts.append(f"{word} of {join([f"{name}'s" for name in sorted(who)], 8)}")
+                parts.append(f"{word} of those of {join(sorted(who), 8)}")
         if parts:
             said.append(
                 f"Against normal, form {form} keeps, in some decade and by more than "
-                f"{percent(NOTABLE)}, {join(parts)} answers."
+                f"{percent(NOTABLE)} of the answers, {join(parts)}."
             )
     return said

@@ -257,7 +257,9 @@ def test_forms_are_compared_by_time_and_by_condition(tmp_path: Path) -> None:
     answer = forms_answer(results)
     text = " ".join(answer.sentences)
     assert "residual is the fastest form of osqp" in text.replace("Residual", "residual")
-    told = "form velocity keeps, in some decade and by more than 5.0 %, more of osqp's answers."
+    told = (
+        "form velocity keeps, in some decade and by more than 5.0 % of the answers, more of those"
+    )
     assert told in text
     assert answer.figure in ("1e3", "1e4")
     assert plot_forms(results, tmp_path / "it.png").stat().st_size > 5000
