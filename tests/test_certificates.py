@@ -11,7 +11,13 @@ import pytest
 
 import harness.oracle as oracle
 from harness import judge
-from harness.certificates import ANSWERS, PREVIOUS, certificates, summary
+from harness.certificates import (
+    ANSWERS,
+    PREVIOUS,
+    certificates,
+    false_references,
+    summary,
+)
 from harness.error_bound import error_bound
 from harness.facts import facts_of
 from harness.oracle import reference
@@ -65,6 +71,17 @@ def test_a_reference_that_is_wrong_is_found_out() -> None:
     recording = scene_recording("fig5")
     off = [replace(r, Ax=r.Ax + 1e-6) for r in recording.references]
     assert certificates(replace(recording, references=off), at_most=20)["below"].any()
+
+
+def test_forged_references_are_found() -> None:
+    recording = scene_recording("fig5")
+    assert false_references(recording) == []
+    forged = list(recording.references)
+    k = next(i for i, r in enumerate(forged) if r.error_bound > 0)
+    forged[k] = replace(forged[k], error_bound=0.0)
+    forged[30] = replace(forged[30], Ax=np.nextafter(forged[30].Ax, np.inf))
+    forged[40] = replace(forged[40], proof="bound", Ax=forged[40].Ax + 1.0)  # does not say so
+    assert false_references(replace(recording, references=forged)) == sorted({k, 30})
 
 
 def test_without_proofs_nothing_is_said() -> None:
