@@ -32,7 +32,9 @@ from problems.qp import ContactQP, Vector
 COLUMNS = 200
 """QPs of more columns are not tried."""
 WORK = 20_000_000
-"""Sum of |B|³ over all solves beyond which the proof is given up; some 0.5 s."""
+"""Sum of |B|³ over all solves beyond which the proof is given up, some 0.5 s.  Data that spread over
+so many decades that ÂᵀÂ needs more than `BITS` cost the square of how many times as many."""
+BITS = 256
 PRIME = 2**64 - 59
 """The largest prime of 64 bits."""
 
@@ -51,7 +53,7 @@ class Proof:
     exchanges: int
 
 
-def prove(qp: ContactQP, candidate: ArrayLike, work: int = WORK) -> Proof | None:
+def prove(qp: ContactQP, candidate: ArrayLike, work: float = WORK) -> Proof | None:
     """The exact answer, sought from a `candidate` (k,); None where it takes too much work.
 
     Also None for more than `COLUMNS` columns, and where numbers overflow float64.
@@ -75,6 +77,8 @@ class _Exact:
         self.A = fmpz_mat(qp.m, qp.k, [_integer(v, self.a) for v in A.ravel().tolist()])
         self.gram = self.A.transpose() * self.A
         self.rows = self.gram.table()
+        longest = max((int(row[j]).bit_length() for j, row in enumerate(self.rows)), default=0)
+        self.price = max(1, longest // BITS) ** 2
         d = fmpz_mat(qp.m, 1, [_integer(v, self.b) for v in qp.d.tolist()])
         self.slope = self.A.transpose() * d
         self.lower = [None if v == -np.inf else _rational(v) / unit for v in qp.lower.tolist()]
@@ -93,11 +97,11 @@ class _Exact:
         upper = self.upper[j]
         return upper is None or self.y[j] < upper
 
-    def settle(self, work: int) -> bool:
+    def settle(self, work: float) -> bool:
         """Steps 3 to 5; whether they came to their end."""
         while True:
             while basis := self._basis():
-                work -= len(basis) ** 3
+                work -= self.price * len(basis) ** 3
                 if work < 0:
                     return False
                 if self._advance(basis):

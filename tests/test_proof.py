@@ -173,6 +173,15 @@ def test_what_takes_too_much_work_is_not_proved() -> None:
     assert prove(qp, np.zeros(qp.k)) is not None
 
 
+def test_data_of_hundreds_of_decades_cost_more_work() -> None:
+    rng = np.random.default_rng(0)
+    A, d = rng.standard_normal((50, 40)), rng.standard_normal(50)
+    lower, upper = np.full(40, -INF), np.full(40, INF)
+    wide = A * 10.0 ** rng.uniform(-100, 100, A.shape)
+    assert prove(ContactQP(A, d, lower, upper), np.zeros(40), work=40**3) is not None
+    assert prove(ContactQP(wide, d, lower, upper), np.zeros(40), work=40**3) is None
+
+
 def test_many_columns_go_by_the_bound(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("harness.proof.COLUMNS", 5)
     qp, Ax = random_qp("tower", 0)
