@@ -23,6 +23,7 @@ from harness.cli import loops  # noqa: F401
 from harness.cli import peers  # noqa: F401
 from harness.cli import studies  # noqa: F401
 from harness.cli import compare  # noqa: F401
+from harness.cli import check  # noqa: F401
 # isort: on
 
 
