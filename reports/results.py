@@ -101,8 +101,13 @@ class Results:
 
     @property
     def scenes(self) -> list[str]:
-        """Labels of all scenes, recorded or solved, in alphabetical order."""
-        return sorted({*self.recordings, *self.rows["scene"].unique()})
+        """Labels of all scenes, recorded or solved, in alphabetical order.
+
+        Recordings that were solved in campaigns alone are not among them.
+        """
+        solved = set(self.rows["scene"].unique())
+        apart = set() if self.campaigns is None else set(self.campaigns["scene"].unique()) - solved
+        return sorted({*self.recordings, *solved} - apart)
 
     @property
     def settings(self) -> list[str]:
@@ -237,18 +242,20 @@ def load_results(folder: str | Path) -> Results:
         if recording.scene in recordings:
             raise ValueError(f"{folder} holds two recordings of {recording.scene}; keep one")
         recordings[recording.scene] = recording
-    rows, campaigns = set_apart(prepare(read_results(folder)) if solved else empty_rows())
-    for scene, digest in rows.groupby("scene")["recording_digest"].first().items():
+    everything = prepare(read_results(folder)) if solved else empty_rows()
+    for scene, digest in everything.groupby("scene")["recording_digest"].first().items():
         if scene in recordings and recordings[scene].digest != digest:
             raise ValueError(
                 f"{folder}: the solves of {scene} are of another recording (digest "
                 f"{digest[:12]}…) than recordings/{scene}.h5 ({recordings[scene].digest[:12]}…); "
                 "a report must not mix them: replay into an empty folder"
             )
+    rows, campaigns = set_apart(everything)
+    of_study = set(recordings) - (set(campaigns["scene"]) - set(rows["scene"]))
     return Results(
         rows=rows,
         recordings=recordings,
-        missing=tuple(_missing(rows, recordings)),
+        missing=tuple(_missing(rows, {scene: recordings[scene] for scene in of_study})),
         campaigns=campaigns,
         paces=tuple(read_paces(folder)),
         study=read_study(folder),
