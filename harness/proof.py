@@ -32,9 +32,9 @@ from problems.qp import ContactQP, Vector
 COLUMNS = 200
 """QPs of more columns are not tried."""
 WORK = 20_000_000
-"""Sum of |B|³ over all solves beyond which the proof is given up, some 0.5 s.  Data that spread over
-so many decades that ÂᵀÂ needs more than `BITS` cost the square of how many times as many."""
+"""Sum of |B|³ over all solves beyond which the proof is given up; some 0.5 s."""
 BITS = 256
+"""Entries of ÂᵀÂ of n times as many bits, of data spread over many decades, cost n² the work."""
 PRIME = 2**64 - 59
 """The largest prime of 64 bits."""
 
