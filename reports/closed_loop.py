@@ -27,6 +27,7 @@ from harness.motion_error import APART, MATCHED_KINDS, WINDOW
 from reports.closed_loop_figures import plot_accuracy, plot_physics, plot_separation
 from reports.closed_loop_findings import (
     AS_GOOD,
+    as_large_as_eps,
     discretization,
     findings_of,
     harmless,
@@ -95,14 +96,15 @@ def sloppy_table(found: Sequence[Findings]) -> Table:
             own = each.rows[each.rows["solver"] == name]
             if not len(own):
                 continue
-            errors = dict(zip(own["setting"], own["error"], strict=True))
+            ended = own["error"].where(own["verdict"] == "finished")
+            errors = dict(zip(own["setting"], ended, strict=True))
             sweep += [setting for setting in errors if setting not in sweep]
             noise = name[len("sloppy[") : -1]
             limit = harmless(each, name)
             full = 1 - each.twin.measures["rank_deficient"]
             row = {"scene": each.scene, "rank": full, "δx": noise, **errors}
-            rows.append({**row, "harmless to": limit})
-    columns = ["scene", "rank", "δx", *sweep, "harmless to"]
+            rows.append({**row, "harmless to": limit, "as ε at": as_large_as_eps(each, name)})
+    columns = ["scene", "rank", "δx", *sweep, "harmless to", "as ε at"]
     return Table(
         name="closed_loop_sloppy",
         title="Answers that are wrong by a known amount",
@@ -113,10 +115,17 @@ def sloppy_table(found: Sequence[Findings]) -> Table:
             "interior-point method); or along x* so that forces are too large (more) or too small "
             "(less). rank: share of the QPs of time steps whose λ is unique; where it is not, "
             "‖A δx‖ does not bound δλ, and λ_N bounds friction. harmless to: the largest multiple "
-            f"up to which the error stays within {times(AS_GOOD)} the error of ε."
+            f"up to which the error stays within {times(AS_GOOD)} the error of ε. as ε at: the "
+            "multiple at which the motion is as far from that of exact QPs as ε puts them from the "
+            "reference. An en dash: none, or the motion did not come to its end."
         ),
         data=pd.DataFrame(rows, columns=columns),
-        formats={**dict.fromkeys(sweep, metres), "rank": percent, "harmless to": "{:g}x".format},
+        formats={
+            **dict.fromkeys(sweep, metres),
+            "rank": percent,
+            "harmless to": "{:g}x".format,
+            "as ε at": _multiple,
+        },
     )
 
 
@@ -222,6 +231,10 @@ def physics_table(each: Findings) -> Table:
             **dict.fromkeys(["overlap", "reach"], metres),
         },
     )
+
+
+def _multiple(value: Any) -> str:
+    return f"{short(value)}x"
 
 
 def _milliseconds(value: Any) -> str:

@@ -173,7 +173,8 @@ def _against_accuracy(axes: Axes, each: Findings, values: pd.Series) -> None:
     rows = each.rows.assign(value=np.maximum(values.to_numpy(float), LEAST))
     rows["ratio"] = worst_ratio(rows)
     for solver, (colour, style) in NOISE_LOOKS.items():
-        own = rows[rows["solver"] == solver].sort_values("ratio")
+        own = rows[(rows["solver"] == solver) & (rows["verdict"] == "finished")]
+        own = own.sort_values("ratio")
         if len(own):
             axes.plot(
                 own["ratio"], own["value"], color=colour, linestyle=style, linewidth=1.3,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -66,6 +67,22 @@ def harmless(each: Findings, solver: str) -> float:
             break
         best = factor(row.setting)
     return best
+
+
+def as_large_as_eps(each: Findings, solver: str) -> float:
+    """Multiple of ε₀ at which a sloppy solver moves the motion as far as ε does; NaN if it never.
+
+    Where the distance from exact QPs first reaches the error of ε, both axes logarithmic.
+    """
+    own = each.rows[(each.rows["solver"] == solver) & (each.rows["verdict"] == "finished")]
+    own = own[own["setting"].str.endswith("x")]
+    points = sorted(zip(map(factor, own["setting"]), own["from_twin"], strict=True))
+    target = discretization(each)
+    for (low, near), (high, far) in pairwise(points):
+        if near < target <= far:
+            share = np.log(target / near) / np.log(far / near) if near > 0 else 1.0
+            return float(low * (high / low) ** share)
+    return points[0][0] if points and points[0][1] >= target else float("nan")
 
 
 def backends(each: Findings) -> pd.DataFrame:
@@ -163,23 +180,26 @@ def _sloppy(found: Sequence[Findings]) -> list[str]:
         limits = {name: harmless(each, name) for name in SLOPPY if name in set(each.rows["solver"])}
         if not limits:
             continue
-        sweep = [factor(s) for s in each.rows["setting"] if s.endswith("x")]
-        text = []
-        for name, limit in limits.items():
-            noise = name[len("sloppy[") : -1]
-            if np.isnan(limit):
-                text.append(f"{noise}: not even {min(sweep):g} ε₀")
-            else:
-                text.append(f"{noise}: {limit:g} ε₀")
-        enough = all(limit >= 1 for limit in limits.values())
-        judged = (
-            "The accuracy ε₀ of (3.13) is enough here"
-            if enough
-            else "The accuracy ε₀ of (3.13) is not enough here"
-        )
-        said.append(
-            f"{each.scene}: {judged}. Errors of known size are harmless up to {'; '.join(text)}."
-        )
+        least = min(factor(s) for s in each.rows["setting"] if s.endswith("x"))
+        noises = {name: name[len("sloppy[") : -1] for name in limits}
+        enough = [noises[name] for name, limit in limits.items() if limit >= 1]
+        others = [noises[name] for name in limits if noises[name] not in enough]
+        if not others:
+            text = f"{each.scene}: the accuracy ε₀ of (3.13) is enough, for {join(enough)}."
+        elif enough:
+            text = (
+                f"{each.scene}: the accuracy ε₀ of (3.13) is enough for {join(enough)}, "
+                f"and not for {join(others)}."
+            )
+        else:
+            text = f"{each.scene}: the accuracy ε₀ of (3.13) is not enough, for {join(others)}."
+        known = [
+            f"{noises[name]} up to {limit:g} ε₀"
+            if limit >= least
+            else f"{noises[name]} not even at {least:g} ε₀"
+            for name, limit in limits.items()
+        ]
+        said.append(f"{text} Harmless are {', '.join(known)}.")
     return said
 
 

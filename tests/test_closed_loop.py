@@ -23,7 +23,13 @@ from harness.store import StoreError
 from problems.qp import ContactQP, Solution
 from reports.closed_loop import sloppy_table, write_closed_loop
 from reports.closed_loop_figures import plot_accuracy
-from reports.closed_loop_findings import findings_of, harmless, is_good
+from reports.closed_loop_findings import (
+    as_large_as_eps,
+    discretization,
+    findings_of,
+    harmless,
+    is_good,
+)
 from solvers import make_solver
 from solvers.base import Unsupported
 from tests.loop_crimes import CRIMES, commit
@@ -339,11 +345,27 @@ def test_bad_news_is_told(found: Findings) -> None:
 def test_the_accuracy_that_suffices_is_read_off_the_sweep(found: Findings) -> None:
     table = sloppy_table([found]).display().set_index("δx")
     assert table.loc["more", "harmless to"] == "1x"
-    assert "(3.13) is enough here" in " ".join(findings_of([found]))
+    text = " ".join(findings_of([found]))
+    assert "(3.13) is enough, for any, free, inside, more and less." in text
     spoilt = with_row(found, "sloppy[free]", error=1.0)
     text = " ".join(findings_of([spoilt]))
-    assert "(3.13) is not enough here" in text
-    assert "free: not even 1 ε₀" in text
+    assert "(3.13) is enough for any, inside, more and less, and not for free." in text
+    assert "free not even at 1 ε₀" in text
+
+
+def test_where_sloppiness_is_as_large_as_eps_is_interpolated(found: Findings) -> None:
+    rows, eps = found.rows.copy(), discretization(found)
+    more = rows["solver"] == "sloppy[more]"
+    rows.loc[more, "from_twin"] = [eps / 10, 10 * eps]  # at 1x and 1e5x
+    assert as_large_as_eps(replace(found, rows=rows), "sloppy[more]") == pytest.approx(10**2.5)
+    rows.loc[more, "from_twin"] = [eps / 10, eps / 2]
+    assert np.isnan(as_large_as_eps(replace(found, rows=rows), "sloppy[more]"))
+    rows.loc[more, "from_twin"] = [2 * eps, 3 * eps]
+    assert as_large_as_eps(replace(found, rows=rows), "sloppy[more]") == 1.0
+    rows.loc[more, "verdict"] = "stopped"
+    stopped = replace(found, rows=rows)
+    assert np.isnan(as_large_as_eps(stopped, "sloppy[more]"))
+    assert sloppy_table([stopped]).display().set_index("δx").loc["more", "1e5x"] == "–"
 
 
 def test_the_command_runs_and_refuses(folder: Path, found: Findings) -> None:
