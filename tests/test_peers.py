@@ -6,6 +6,8 @@ An engine that is absent is skipped, with the reason.  No time is asserted.
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -351,6 +353,19 @@ def test_a_folder_is_continued_and_a_damaged_run_made_anew(folder: Path) -> None
     one.write_bytes(b"{")
     pd.testing.assert_frame_equal(first, campaign(folder, "Flying"))
     assert one.stat().st_mtime_ns != files[one]
+
+
+def test_two_campaigns_do_not_share_a_folder(tmp_path: Path) -> None:
+    code = (
+        "import sys, pathlib; from harness.folder_lock import lock_folder\n"
+        "lock = lock_folder(pathlib.Path(sys.argv[1])); print('held', flush=True); input()"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        assert other.stdout is not None and other.stdout.readline() == b"held\n"
+        with pytest.raises(ValueError, match="another campaign"):
+            run_campaign(Plan((FLIGHT,), (OURS,)), tmp_path)
+        other.communicate(b"\n")
 
 
 def test_a_run_of_another_version_is_another_run() -> None:
