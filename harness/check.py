@@ -194,9 +194,9 @@ def check_recording(path: str | Path) -> Iterator[Finding]:
     far = [
         qp.t for qp, solution, ref in known if judge(qp, solution.x, reference=ref).verdict in WRONG
     ]
-    words = f"{len(known) - len(far)} of {len(known)}" + f"; not at t = {far[0]:g} s" * bool(
-        far[:1]
-    )
+    words = f"{len(known) - len(far)} of {len(known)}"
+    if far:
+        words += f"; not at t = {far[0]:g} s"
     yield Finding("its own answers are near its references", not far, words)
 
 

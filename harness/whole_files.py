@@ -20,9 +20,9 @@ def write_whole(path: Path, content: bytes) -> None:
 
     Raises OSError with the target's name: no space left, read-only folder, …
     """
+    path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}{TEMPORARY}")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         try:
             with open(temporary, "wb") as file:
                 file.write(content)
