@@ -33,10 +33,8 @@ MARKERS = {"normal": "o", "residual": "s", "velocity": "^"}
 STRICT = "high"
 """The setting from which accuracy is told, where it was run."""
 UNIT = float(np.finfo(float).eps)
-SOUND = 0.99
-"""Share verified below which a form is said to lose answers."""
 NOTABLE = 0.05
-"""Difference of two shares that is worth a word."""
+"""Share of the answers that is worth a word, lost or gained."""
 STRETCHED = ",condition="
 """What the label of a recording made by `glambda stretch` contains."""
 FEW = 20
@@ -270,13 +268,13 @@ def forms_answer(results: Results) -> Answer | None:
     strict = accuracy_setting(rows, results)
     at = rows[(rows["settings"] == strict) & (rows["arm"] == "cold")]
     share = _shares(at)
-    lossy = share.index[share["normal"] < SOUND]
+    lossy = share.index[share["normal"] < 1 - NOTABLE]
     return Answer(
         "What does squaring the condition cost?",
         f"1e{int(lossy[0])}" if len(lossy) else "nothing",
-        f"the condition from which normal forms lose more than {percent(1 - SOUND)} of the answers"
+        f"the condition from which the normal form loses over {percent(NOTABLE)} of the answers"
         if len(lossy)
-        else f"no decade of conditions loses {percent(1 - SOUND)} of the answers in normal form",
+        else f"in no decade does the normal form lose {percent(NOTABLE)} of the answers",
         (_time_of_forms(as_recorded(at)), *_by_decades(at, share, strict)),
         "forms",
     )

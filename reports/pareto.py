@@ -14,7 +14,7 @@ A point is on the front where no other solver's point is both faster and no less
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -31,7 +31,7 @@ from reports.results import (
     is_number,
     solver_order,
 )
-from reports.style import FAINT, INK, PAGE_WIDTH, SOFT, VERMILLION, drawing, save
+from reports.style import FAINT, INK, PAGE_WIDTH, PAPER, SOFT, VERMILLION, drawing, save
 from reports.table import Table, microseconds, percent, scientific, short
 
 if TYPE_CHECKING:
@@ -172,64 +172,91 @@ def plot_pareto(results: Results, scene: str, path: str | Path) -> Path:
     panels = {arm: points for arm, points in panels.items() if len(points)}
     if not panels:
         raise ValueError(f"no accuracies given as numbers were run on {scene}")
+    every = pd.concat(panels.values())
+    shown = every[np.isfinite(every["error"])]
     with drawing() as Figure:
-        figure = Figure(figsize=(PAGE_WIDTH, 4.6), layout="constrained")
+        figure = Figure(figsize=(PAGE_WIDTH, 4.8), layout="constrained")
         grid = figure.subplots(1, len(panels), squeeze=False, sharex=True, sharey=True)
         for axes, (arm, points) in zip(grid[0], panels.items(), strict=True):
+            axes.set_xscale("log")
+            axes.set_yscale("log")
+            axes.set_xlim(1e6 * shown["time"].min() / 3, 1e6 * shown["time"].max() * 4)
+            axes.set_ylim(FLOOR / 300, max(100 * shown["error"].max(), 1e3 * FLOOR))
             _panel(axes, points)
             axes.set_title(f"{scene}, {arm}")
             axes.set_xlabel("time per QP [µs]")
         grid[0, 0].set_ylabel(f"error in Gλ / scale, {100 * SHARE:g} % of the QPs below")
+        entries, names = grid[0, 0].get_legend_handles_labels()
+        once = dict(zip(names, entries, strict=True)) if (every["asked"] == DEFAULTS).any() else {}
+        if once:
+            figure.legend(list(once.values()), list(once), loc="outside lower center", ncols=2)
         return save(figure, Path(path))
 
 
 def _panel(axes: Axes, points: pd.DataFrame) -> None:
-    axes.set_xscale("log")
-    axes.set_yscale("log")
     axes.grid(True, which="major")
-    ends = []
+    lines = []
     for solver, part in points.groupby("solver", sort=False):
-        swept = part[part["asked"] != DEFAULTS]
-        swept = swept[np.isfinite(swept["error"])]
+        part = part[np.isfinite(part["error"])]
         own = is_method(str(solver))
         colour = VERMILLION if own else SOFT
-        x, y = 1e6 * swept["time"], swept["error"].clip(lower=FLOOR)
+        x, y = 1e6 * part["time"], part["error"].clip(lower=FLOOR)
+        swept = part["asked"] != DEFAULTS
         axes.plot(
-            x, y, color=colour, linewidth=1.8 if own else 0.8, marker="o",
+            x[swept], y[swept], color=colour, linewidth=1.8 if own else 0.8, marker="o",
             markersize=4.0 if own else 2.6, alpha=1.0 if own else 0.75, zorder=4 if own else 2,
         )  # fmt: skip
-        plain = part[(part["asked"] == DEFAULTS) & np.isfinite(part["error"])]
         axes.plot(
-            1e6 * plain["time"], plain["error"].clip(lower=FLOOR), "x", color=colour,
-            markersize=4.5, zorder=3,
+            x[~swept], y[~swept], "x", color=colour, markersize=4.5, zorder=3,
+            label="the package's own tolerances",
         )  # fmt: skip
-        if len(swept):
-            ends.append((str(solver), float(x.iloc[0]), float(y.iloc[0]), colour))
+        if swept.any():
+            lines.append(Line(str(solver), x[swept].to_numpy(), y[swept].to_numpy(), own))
     front = points[points["front"]].sort_values("time")
     axes.step(
         1e6 * front["time"], front["error"].clip(lower=FLOOR), where="post", color=FAINT,
-        linewidth=5.0, zorder=1,
+        linewidth=5.0, zorder=1, label="front",
     )  # fmt: skip
-    _label(axes, ends)
+    _label(axes, lines)
 
 
-def _label(axes: Axes, ends: list[tuple[str, float, float, str]]) -> None:
-    """Names right of the most accurate point of each line, moved apart where they would overlap."""
-    low, high = axes.get_ylim()
-    step = (np.log10(high) - np.log10(low)) / 30
-    left, right = axes.get_xlim()
-    axes.set_xlim(left, right * (right / left) ** 0.25)
-    column = (np.log10(right) - np.log10(left)) / 4
-    placed: list[tuple[float, float]] = []
-    for name, x, y, colour in sorted(ends, key=lambda end: end[2]):
-        across, up = np.log10(x), np.log10(y)
-        while any(abs(across - a) < column and abs(up - b) < step for a, b in placed):
-            up += step
-        placed.append((across, up))
+class Line(NamedTuple):
+    """One solver's points, the most accurate first: x [µs] and y as drawn."""
+
+    solver: str
+    x: np.ndarray
+    y: np.ndarray
+    own: bool
+
+
+def _label(axes: Axes, lines: list[Line]) -> None:
+    """Each name slants away from the upper or the lower end of its line, where there is room."""
+    from matplotlib.patheffects import withStroke
+
+    wide, high = (
+        np.log10(end) - np.log10(start) for start, end in (axes.get_xlim(), axes.get_ylim())
+    )
+    placed: list[tuple[float, float, bool]] = []
+    for line in sorted(lines, key=lambda line: (not line.own, line.x[-1])):
+        ends = [(line.x[-1], line.y[-1], True), (line.x[0], line.y[0], False)]
+        room = []
+        for x, y, above in ends:
+            across, up = np.log10(x) / wide, np.log10(y) / high
+            near = [
+                max(abs(across - a) / 0.035, abs(up - b) / 0.14)
+                for a, b, way in placed
+                if way == above
+            ]
+            room.append((min(near, default=np.inf), across, up))
+        best = 0 if room[0][0] >= 1 or room[0][0] >= room[1][0] else 1
+        x, y, above = ends[best]
+        placed.append((*room[best][1:], above))
         axes.annotate(
-            name, (x, y), xytext=(x * 1.12, 10**up), fontsize=7, va="center",
-            color=colour if colour != SOFT else INK,
-            fontweight="bold" if colour != SOFT else "normal", zorder=5,
+            line.solver, (x, y), xytext=(2, 4 if above else -4), textcoords="offset points",
+            rotation=55 if above else -55, rotation_mode="anchor", ha="left", va="center",
+            fontsize=7.5, color=VERMILLION if line.own else INK, zorder=5,
+            fontweight="bold" if line.own else "normal",
+            path_effects=[withStroke(linewidth=2.0, foreground=PAPER)],
         )  # fmt: skip
 
 
