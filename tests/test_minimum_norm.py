@@ -5,6 +5,7 @@ import pytest
 import scipy.sparse as sp
 from scipy.optimize import minimize
 
+from problems import scene, simulate
 from problems.minimum_norm import (
     least_distance_point,
     least_distance_qp,
@@ -15,6 +16,7 @@ from problems.minimum_norm import (
 from problems.qp import ContactQP
 from problems.sequence import QPSequence
 from solvers import make_solver
+from solvers.active_set.sparse_pattern import is_narrow
 
 
 def sequence():
@@ -237,3 +239,15 @@ def test_the_sparse_way_leaves_fixed_rows_and_unique_answers_alone():
     qp = ContactQP(sp.eye_array(3, format="csc"), -np.ones(3), np.zeros(3), np.full(3, np.inf))
     np.testing.assert_array_equal(minimum_norm(qps, qp, np.ones(3), None), np.ones(3))
     assert not qps.qps
+
+
+def test_a_large_wall_at_rest_is_one_pass_and_sparse_for_the_solver():
+    """Dense, the minimum-norm QPs of 1,000 bodies would take minutes."""
+    wall = scene("wall", bodies=150, mu=0.3, speed=0.0)
+    run = simulate(wall, make_solver("lotstedt"), fixed_step=1 / 240, until=3 / 240)
+    least = [qp for qp in run.qps if qp.kind == "minimum_norm"]
+    assert least
+    assert all(is_narrow(qp.A) for qp in least)
+    assert sum(qp.kind == "step" for qp in run.qps) == 3
+    assert not any(qp.kind == "corrector" for qp in run.qps)
+    np.testing.assert_allclose(run.q[-1], wall.q0, atol=1e-12)

@@ -28,9 +28,10 @@ from solvers.active_set.compiled import kernel
 
 Places = NDArray[np.int32]
 
-SLOTS = 6
-"""Entries that a column has room for, three for each of two bodies.  That it is a constant makes
-products with B three times as fast."""
+SLOTS = 8
+"""Entries that a column has room for: three for each of two bodies, and two of the ridge by which
+large minimum-norm QPs are posed.  That it is a constant makes products with B three times as
+fast."""
 FEW_ZEROS = 0.1
 """Share of zeros that a front may hold so as to be larger."""
 
