@@ -236,21 +236,18 @@ def _label(axes: Axes, lines: list[Line]) -> None:
     wide, high = (
         np.log10(end) - np.log10(start) for start, end in (axes.get_xlim(), axes.get_ylim())
     )
-    placed: list[tuple[float, float, bool]] = []
+    placed: list[tuple[float, float]] = []
     for line in sorted(lines, key=lambda line: (not line.own, line.x[-1])):
-        ends = [(line.x[-1], line.y[-1], True), (line.x[0], line.y[0], False)]
         room = []
-        for x, y, above in ends:
-            across, up = np.log10(x) / wide, np.log10(y) / high
-            near = [
-                max(abs(across - a) / 0.035, abs(up - b) / 0.14)
-                for a, b, way in placed
-                if way == above
-            ]
-            room.append((min(near, default=np.inf), across, up))
-        best = 0 if room[0][0] >= 1 or room[0][0] >= room[1][0] else 1
-        x, y, above = ends[best]
-        placed.append((*room[best][1:], above))
+        for x, y, above in ((line.x[-1], line.y[-1], True), (line.x[0], line.y[0], False)):
+            middle = np.log10(x) / wide, np.log10(y) / high + (0.06 if above else -0.06)
+            free = min(
+                (max(abs(middle[0] - a) / 0.035, abs(middle[1] - b) / 0.11) for a, b in placed),
+                default=np.inf,
+            )
+            room.append((min(free, 1.0), above, middle, (x, y)))
+        _, above, middle, (x, y) = max(room, key=lambda end: end[:2])
+        placed.append(middle)
         axes.annotate(
             line.solver, (x, y), xytext=(2, 4 if above else -4), textcoords="offset points",
             rotation=55 if above else -55, rotation_mode="anchor", ha="left", va="center",
