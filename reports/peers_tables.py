@@ -115,8 +115,9 @@ def order_table(rows: pd.DataFrame) -> Table:
         reading=(
             "each engine in its most accurate setting. order is p in error ~ (mean step)^p, fitted "
             "by least squares to the runs whose error is below 0.1 and above "
-            f"{ABOVE_REFERENCE:g} times the reference's own. overlap [m] and energy error "
-            "(relative) are those of the most accurate run."
+            f"{ABOVE_REFERENCE:g} times the reference's own; one far above 2 says that few steps "
+            "make the error, such as the first of a free flight. overlap [m] and energy error, "
+            "over the energy at the start, are those of the most accurate run."
         ),
         data=data,
         formats={
@@ -190,10 +191,10 @@ def _whole_notes(part: pd.DataFrame) -> list[str]:
         fixed = others[np.isclose(others["resolution"], REST_STEP)]
         if len(mine) and len(fixed):
             notes.append(
-                f"{task} s: at h = 1/{round(1 / REST_STEP)} the others' bodies overlap by up to "
+                f"{task} s: at h = 1/{round(1 / REST_STEP)} the deepest overlap is "
                 f"{scientific(fixed['penetration'].min())} to "
-                f"{scientific(fixed['penetration'].max())} m; in {OURS} by up to "
-                f"{scientific(mine['penetration'].max())} m."
+                f"{scientific(fixed['penetration'].max())} m in the others' settings, in {OURS} "
+                f"at most {scientific(mine['penetration'].max())} m."
             )
         gains = own[own["gain"] > MUCH]
         if len(gains):

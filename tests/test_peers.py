@@ -236,7 +236,7 @@ def test_interpolation_is_exact_for_cubics_and_has_the_state_after_an_impact() -
 def test_the_default_tasks_are_the_issue_s() -> None:
     tasks = tasks_of(DEFAULT)
     motions = {task.name for task in tasks if task.kind == "motion"}
-    assert {"fig2 to 0.8", f"fig4 to {7 * FRAME:g}"} <= motions  # 0.133: the first impact of fig4
+    assert {"fig2 to 0.8", f"fig4 to {7 * FRAME:.3g}"} <= motions  # 0.133: the first impact of fig4
     wholes = [task for task in tasks if task.kind == "whole"]
     assert len(wholes) == len({task.scene for task in wholes})
     towers = [task for task in tasks if task.kind == "rest"]
@@ -388,7 +388,7 @@ def synthetic(errors: dict[str, Callable[[float], float]]) -> list[tuple[Run, Ou
             run = Run(engine, BOUNDED, "h", h, task, "1", "m")
             outcome = {
                 "status": "done", "reason": "", "cpu": 1e-5 * steps, "steps": steps, "repeats": 3,
-                "penetration": 0.0, "energy_error": 0.0, "q": [[[error(h), 0.0, 0.0]]],
+                "penetration": 0.0, "energy": [1.0 - h], "q": [[[error(h), 0.0, 0.0]]],
             }  # fmt: skip
             runs.append((run, outcome))
     return runs

@@ -26,6 +26,14 @@ COARSE = 0.1
 """Errors above this have no order."""
 
 
+class Reference(NamedTuple):
+    """Poses and energies of a motion, and the error of the poses as estimated."""
+
+    q: Vector
+    energy: Vector
+    error: float
+
+
 class Order(NamedTuple):
     """p in error ~ (mean step)^p over `points` runs."""
 
@@ -40,10 +48,14 @@ def table_of(runs: Iterable[tuple[Run, Outcome]]) -> pd.DataFrame:
     cpu [s], steps, step : mean length [s];  cpu_step : CPU time of one [s];  repeats
     error : largest distance of a coordinate of a pose from the reference at any time compared
     reference_error : the reference's own;  is_reference
-    penetration [m], energy_error, gain, relative;  drift, top : largest, and of the last body [m];
-    turn [rad];  NaN where the task has no such thing
+    energy_error, gain : over the energy at the start;  penetration [m];  drift, top : largest, and
+    of the last body [m];  turn [rad];  NaN where the task has no such thing
+
+    Rows are in the order of the tasks, and for each in that of the engines.
     """
     runs = list(runs)
+    tasks = list(dict.fromkeys(run.task for run, _ in runs))
+    runs.sort(key=lambda each: tasks.index(each[0].task))
     references = _references(runs)
     rows = []
     for run, outcome in runs:
@@ -57,14 +69,16 @@ def table_of(runs: Iterable[tuple[Run, Outcome]]) -> pd.DataFrame:
             row |= {name: outcome[name] for name in ("cpu", "steps", "repeats", "penetration")}
             row["step"] = run.task.until / max(1, outcome["steps"])
             row["cpu_step"] = outcome["cpu"] / max(1, outcome["steps"])
-            row |= {name: outcome[name] for name in ("energy_error", "gain") if name in outcome}
+            if run.task.kind == "whole":
+                row["gain"] = outcome["gain"]
             if run.task.kind == "rest":
                 row |= {"drift": max(outcome["drift"]), "top": outcome["drift"][-1]}
                 row["turn"] = max(outcome["turn"])
             if run.task in references:
-                reference, own = references[run.task]
-                row["error"] = float(np.abs(np.array(outcome["q"]) - reference).max())
-                row["reference_error"] = own
+                reference = references[run.task]
+                row["error"] = _distance(outcome["q"], reference.q)
+                row["energy_error"] = _distance(outcome["energy"], reference.energy)
+                row["reference_error"] = reference.error
                 row["is_reference"] = row["error"] == 0.0
         rows.append(row)
     columns = ["cpu", "steps", "repeats", "step", "cpu_step", "error", "reference_error"]
@@ -73,19 +87,24 @@ def table_of(runs: Iterable[tuple[Run, Outcome]]) -> pd.DataFrame:
     return frame.reindex(columns=[*frame.columns, *(c for c in columns if c not in frame.columns)])
 
 
-def _references(runs: list[tuple[Run, Outcome]]) -> dict[Task, tuple[Vector, float]]:
-    """Of each motion whose two finest runs of ours are there: poses and their estimated error."""
+def _distance(a: Any, b: Vector) -> float:
+    return float(np.abs(np.array(a) - b).max())
+
+
+def _references(runs: list[tuple[Run, Outcome]]) -> dict[Task, Reference]:
+    """Of each motion whose two finest runs of ours are there."""
     found = {}
     for task in dict.fromkeys(run.task for run, _ in runs if run.task.kind == "motion"):
         fine = [
-            (run.resolution, np.array(outcome["q"]))
+            (run.resolution, outcome)
             for run, outcome in runs
             if (run.task, run.engine, run.setting) == (task, OURS, BOUNDED)
             and outcome["status"] == "done"
         ]
         if len(fine) >= 2:
             (_, finest), (_, next_finest) = sorted(fine, key=lambda each: each[0])[:2]
-            found[task] = finest, float(np.abs(finest - next_finest).max())
+            q = np.array(finest["q"])
+            found[task] = Reference(q, np.array(finest["energy"]), _distance(next_finest["q"], q))
     return found
 
 

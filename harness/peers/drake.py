@@ -44,7 +44,10 @@ class Drake(Stepped):
         "lagged, corners 0.1 mm": {"scheme": "lagged", "corner": 1e-4},
         "SAP, patches": {"modulus": 1e8, "stiffness": None},
     }
-    model = "has contacts that are damped springs, at corners that are rounded"
+    model = (
+        "has contacts that are damped springs, at corners that are rounded; relaxes Coulomb's law "
+        "to a convex one, by which sliding contacts lift, less so if lagged"
+    )
 
     def __init__(
         self, scene: Scene, h: float, scheme: str = "sap", corner: float = 0.0,

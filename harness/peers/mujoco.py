@@ -29,7 +29,10 @@ class MuJoCo(Stepped):
         "harder": {"impedance": 0.9999},
         "harder, RK4": {"impedance": 0.9999, "integrator": "RK4"},
     }
-    model = "has contacts that are critically damped springs, whose time constant is 2 h if hard"
+    model = (
+        "has contacts that are critically damped springs, whose time constant is 2 h if hard; "
+        "relaxes Coulomb's law to a convex one, by which sliding contacts lift"
+    )
 
     def __init__(
         self, scene: Scene, h: float, impedance: float = 0.0, integrator: str = "IMPLICITFAST"

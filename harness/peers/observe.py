@@ -32,8 +32,8 @@ def observe(
     tell : told "built" and "passed" as each pass begins and ends
 
     Returns cpu [s], steps, repeats, and what belongs to the task:
-        motion  q, the positions at the task's times;  energy_error, relative, the largest
-        whole   gain, the largest rise of energy, relative to that at the start
+        motion  q, the positions at the task's times, and energy then, over that at the start
+        whole   gain, the largest rise of energy, over that at the start
         rest    drift, how far each body has moved [m];  turn, by how much [rad]
     and penetration [m], the deepest overlap at any of the times.
 
@@ -50,7 +50,7 @@ def observe(
     if not (np.isfinite(motion.q).all() and np.isfinite(motion.v).all()):
         raise FloatingPointError("positions or velocities are not finite numbers")
     start = energy(scene, scene.q0[None], scene.v0[None])[0]
-    relative = (energy(scene, motion.q, motion.v) - start) / start
+    relative = energy(scene, motion.q, motion.v) / start
     found: dict[str, Any] = {
         "cpu": min(each.cpu for each in passes),
         "steps": motion.steps,
@@ -58,9 +58,9 @@ def observe(
         "penetration": penetration(scene, motion.q),
     }
     if task.kind == "motion":
-        found |= {"q": motion.q.tolist(), "energy_error": float(np.abs(relative).max())}
+        found |= {"q": motion.q.tolist(), "energy": relative.tolist()}
     elif task.kind == "whole":
-        lowest = np.minimum.accumulate(np.concatenate([[0.0], relative]))
+        lowest = np.minimum.accumulate(np.concatenate([[1.0], relative]))
         found["gain"] = float((relative - lowest[:-1]).max(initial=0.0))
     else:
         moved = np.abs(motion.q[-1] - scene.q0)

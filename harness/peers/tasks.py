@@ -56,7 +56,9 @@ class Task:
 
     @property
     def name(self) -> str:
-        return f"{self.scene} at rest" if self.kind == "rest" else f"{self.scene} to {self.until:g}"
+        return (
+            f"{self.scene} at rest" if self.kind == "rest" else f"{self.scene} to {self.until:.3g}"
+        )
 
     @property
     def times(self) -> list[float]:
