@@ -22,6 +22,7 @@ is 1 if a damaged or forged one is among them; what the libraries do with a host
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import queue
 import resource
@@ -35,7 +36,12 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-KINDS = ("recording", "shard")
+KINDS = {
+    "recording": ("benchmarks.forged_recordings", "RecordingTarget"),
+    "shard": ("benchmarks.forged_shards", "ShardTarget"),
+}
+"""What keeps a sound file at `path`: `change(i)` puts the i-th change of it there, and says of what
+sort it is and what it is; `read()` reads it, and says whether it holds what the sound file held."""
 PATIENCE = 10.0
 """Seconds without a word after which a reader counts as hanging."""
 BEGIN = 120.0
@@ -45,11 +51,15 @@ MEMORY = 300
 FAILURES = ("crash", "hang", "memory", "other error", "many lines", "misread")
 
 
+def target_of(kind: str, folder: Path) -> Any:
+    """A sound file of this kind in a folder, ready to be changed."""
+    module, name = KINDS[kind]
+    return getattr(importlib.import_module(module), name)(folder)
+
+
 def read_files(kind: str, first: int, last: int, folder: Path) -> None:
     """The life of a reader: make and read the files of these numbers, a line of JSON for each."""
-    from benchmarks import forgeries
-
-    target = forgeries.TARGETS[kind](folder)
+    target = target_of(kind, folder)
     print(json.dumps("ready"), flush=True)
     for number in range(first, last):
         sort, what = target.change(number)
@@ -118,7 +128,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Damaged and forged files, read in turn.")
     parser.add_argument("--files", type=int, default=3000, help="of each kind")
     parser.add_argument("--from", dest="first", type=int, default=0, help="number of the first")
-    parser.add_argument("--kind", choices=KINDS, action="append")
+    parser.add_argument("--kind", choices=list(KINDS), action="append")
     chosen = parser.parse_args(arguments)
     failed = False
     for kind in chosen.kind or KINDS:

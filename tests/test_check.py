@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks.forgeries import forge
+from benchmarks.forged_recordings import forge
 from harness import check
 from harness.check import check_recording, check_scene, check_solver, odd_qps
 from harness.cli import app

@@ -7,16 +7,16 @@ from pathlib import Path
 import pytest
 
 from benchmarks import fuzz
-from benchmarks.forgeries import SORTS, TARGETS
+from benchmarks.damage import SORTS
 
 FILES = 240
 
 
 @pytest.mark.parametrize("sort", ["damaged", "forged"])
-@pytest.mark.parametrize("kind", sorted(TARGETS))
+@pytest.mark.parametrize("kind", sorted(fuzz.KINDS))
 @pytest.mark.filterwarnings("ignore::numpy.exceptions.ComplexWarning")
 def test_changed_files_are_refused_or_read(kind: str, sort: str, tmp_path: Path) -> None:
-    target = TARGETS[kind](tmp_path)
+    target = fuzz.target_of(kind, tmp_path)
     assert target.read()
     refused = 0
     for number in range(SORTS.index(sort), FILES, len(SORTS)):

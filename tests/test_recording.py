@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from benchmarks.forgeries import forge
+from benchmarks.forged_recordings import forge
 from harness.recording import Recording, RecordingError, read_recording, write_recording
 from harness.recording_file import sealed
 from harness.recording_layout import FIELDS
