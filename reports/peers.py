@@ -40,10 +40,10 @@ if TYPE_CHECKING:
 LOOKS = {
     OURS: (VERMILLION, "o"), "pymunk": (BLUE, "s"), "box2d": (GREEN, "^"),
     "box2d3": (SKY, "v"), "mujoco": (ORANGE, "D"), "dart": (PURPLE, "P"),
-    "drake": (INK, "X"), "cenic": (SOFT, "*"),
+    "drake": (INK, "X"), "cenic": (SOFT, "*"), "cundall": (YELLOW, "p"),
 }  # fmt: skip
 """Colour and marker of each engine."""
-LOOK_ELSE = (YELLOW, "h")
+LOOK_ELSE = (SOFT, "h")
 """Of an engine from elsewhere."""
 
 
@@ -66,7 +66,7 @@ def plot_peers(rows: pd.DataFrame, path: str | Path) -> Path:
         for axes in grid[:, 0]:
             axes.set_ylabel("error of the pose [m or rad]")
         handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(8, len(labels)))
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(9, len(labels)))
         return save(figure, Path(path))
 
 

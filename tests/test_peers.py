@@ -42,6 +42,7 @@ GOOD = {
     "dart": ("split impulse", 1 / 960),
     "drake": ("lagged, corners 0.1 mm", 1 / 1920),
     "cenic": ("1e6 N/m", 1e-5),
+    "cundall": ("critical", 1 / 3840),
     OURS: ("stock", 1e-4),
 }
 """A setting of each engine, and a step or accuracy, at which it is good to some thousandths."""

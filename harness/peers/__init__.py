@@ -26,6 +26,7 @@ ENGINES = {
     "dart": "harness.peers.dart:Dart",
     "drake": "harness.peers.drake:Drake",
     "cenic": "harness.peers.cenic:Cenic",
+    "cundall": "harness.peers.cundall:Cundall",
 }
 """Name → module:Class."""
 REMEDY = "pip install 'glambda[peers]'"
@@ -69,9 +70,12 @@ def describe_engine(name: str) -> EngineInfo:
 
 def engine_version(name: str) -> str:
     """Version of the package and of our source around it: results of another are not reused."""
+    parts = [describe_engine(name).version, _source(name)]
+    if engine_class(name).package == "glambda":
+        parts.append(problems_version())
     if name == OURS:
-        return f"{problems_version()}; {solver_version('lotstedt')}; {_source(name)}"
-    return f"{describe_engine(name).version}; {_source(name)}"
+        parts.append(solver_version("lotstedt"))
+    return "; ".join(parts)
 
 
 def _source(name: str) -> str:
