@@ -140,7 +140,7 @@ def certificates_answer(results: Results, found: pd.DataFrame) -> Answer | None:
         )
     return Answer(
         "Can the verdicts be trusted?", percent(exact / total), "of the references are proofs",
-        tuple(said), "certificates",
+        tuple(said), "trust",
     )  # fmt: skip
 
 

@@ -20,6 +20,15 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
+from reports.certificates import (
+    certificates_answer,
+    certificates_of,
+    certificates_tables,
+    plot_certificates,
+    references_table,
+)
 from reports.comparison import compare
 from reports.criterion import criterion_answer, criterion_tables, thresholds
 from reports.figures import plot_accuracy, plot_cost, plot_profiles
@@ -27,6 +36,7 @@ from reports.findings import Answer, how_accurate, join, warm_start_worth, which
 from reports.forms import form_rows, forms_answer, forms_tables, plot_forms
 from reports.frames import plot_scene
 from reports.pareto import ALL, pareto_answer, pareto_tables, plot_pareto, sweep_rows
+from reports.physics import physics_table
 from reports.protocol import protocol, recordings_table, reproduce, versions_table
 from reports.results import ARMS, METHOD, Results, is_method, load_results
 from reports.starts import plot_starts, starts_answer, starts_tables
@@ -115,9 +125,11 @@ class _Writer:
         """Everything that the template shows."""
         results = self.results
         criterion = [self.table(table) for table in criterion_tables(results)]
+        found = certificates_of(results)
         candidates = [
             which_method(results),
             how_accurate(results),
+            certificates_answer(results, found),
             warm_start_worth(results),
             criterion_answer(results),
             starts_answer(results),
@@ -132,6 +144,7 @@ class _Writer:
             "scene_table": self.table(scene_table(results)),
             "frames": [self.scene(scene) for scene in results.scenes],
             "accuracy": self.accuracy(),
+            "trust": self.trust(found),
             "cost": self.cost(),
             "pareto": self.pareto(),
             "warm": self.warm(),
@@ -180,6 +193,29 @@ class _Writer:
             "overview": {**overviews[0], "notes": full[0]["notes"]},
             "tables": [*full, *overviews[1:]],
             "figures": [self.accuracy_figure(name) for name in _with_errors(results)],
+        }
+
+    def trust(self, found: pd.DataFrame) -> dict[str, Any] | None:
+        """What verdicts rest on; found : of `certificates_of`."""
+        if not self.results.recordings:
+            return None
+        figures = []
+        if len(found):
+            figures = [
+                self.figure(
+                    "certificates",
+                    "The bound on the error in Gλ that needs no reference, over the true error, "
+                    "for answers that are right, nearly right and wrong on purpose.",
+                    lambda path: plot_certificates(found, path),
+                )
+            ]
+        return {
+            "references": self.table(references_table(self.results)),
+            "tables": [self.table(table) for table in certificates_tables(found)],
+            "figures": figures,
+            "physics": [
+                self.table(physics_table(self.results, name)) for name in self.results.settings
+            ],
         }
 
     def accuracy_figure(self, setting: str) -> dict[str, str]:
@@ -395,6 +431,7 @@ def _contents(context: dict[str, Any]) -> Sequence[tuple[str, str]]:
         for anchor, title, there in (
             ("scenes", "The scenes", True),
             ("accuracy", "Accuracy", context["accuracy"]),
+            ("trust", "Why trust the verdicts", context["trust"]),
             ("cost", "Cost", context["cost"]),
             ("pareto", "Time against accuracy", context["pareto"]),
             ("warm-start", "Warm start", context["warm"]),
