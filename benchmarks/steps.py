@@ -148,6 +148,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         *((parameters, 0) for parameters in SMALL),
         *((parameters, bodies) for parameters in FAMILIES for bodies in chosen.bodies),
     ]
+    for parameters in SMALL:  # impacts and friction load their kernels, too
+        time_of(scene(**parameters))
     unit, first = 0.0, (0, 0.0)
     for parameters, bodies in track(cases, console=Console(stderr=True)):
         start = scene(**parameters, **({"bodies": bodies} if bodies else {}))
