@@ -46,6 +46,7 @@ def short_recording(name: str, length: int) -> Recording:
         qps=whole.qps[:length],
         solutions=whole.solutions[:length],
         references=whole.references[:length],
+        mu=whole.mu[:length],
     )
 
 
@@ -125,9 +126,9 @@ def test_on_scenes_the_estimates_are_one_sided_and_the_ranks_those_of_the_svd(na
     assert (counted["inverse"] <= 10 * counted["estimate"]).all()
     assert (counted["bound"] * counted["inverse"] <= 1 + 1e-9).all()
     assert (norms["qr_rank"] == norms["rank"]).all()
-    # fig4's passive rows lie between their bounds; fig5's redundant ones stay at 0
+    # redundant contacts: among all columns, and among the free ones where some are passive
     deficient = norms[norms["rank"] < norms["n"]]
-    assert set(deficient["columns"]) == ({"free", "all"} if name == "fig4" else {"all"})
+    assert set(deficient["columns"]) == {"free", "all"}
     assert (counted["last"] > 1e-10).all() and (counted["next"] < 1e-10).all()
 
 
