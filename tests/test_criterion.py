@@ -173,6 +173,7 @@ def short_recording(name: str, length: int) -> Recording:
         qps=whole.qps[:length],
         solutions=whole.solutions[:length],
         references=whole.references[:length],
+        mu=whole.mu[:length],
     )
 
 
