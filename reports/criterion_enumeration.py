@@ -23,6 +23,8 @@ def enumeration_table(examination: Examination) -> Table:
         each = each[(each["source"] != "random") == recorded]
         for k, size in each.groupby("k"):
             cold, warm = size[size["arm"] == "cold"], size[size["arm"] == "warm"]
+            if cold.empty:  # met warm only
+                continue
             median = medians(cold).loc[k]
             own = median["seconds"] if isfinite(median["seconds"]) else nan
             rows.append(

@@ -407,6 +407,15 @@ def test_what_is_missing_is_told() -> None:
         table.to_markdown()
 
 
+def test_a_size_that_was_met_warm_only_is_left_out() -> None:
+    """As in a long recording, whose cold QPs run into the limit of sets before it comes."""
+    rows = examined().enumeration
+    lone = rows[(rows["source"] == "fig5") & (rows["arm"] == "warm")].tail(1).assign(k=26)
+    found = tables(replace(examined(), enumeration=pd.concat([rows, lone], ignore_index=True)))
+    before = tables(examined())["criterion_enumeration"].data
+    pd.testing.assert_frame_equal(found["criterion_enumeration"].data, before)
+
+
 def test_the_command_writes_the_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, out = tmp_path / "fig5.h5", tmp_path / "out"
     write_recording(path, short_recording("fig5", 60))
