@@ -272,7 +272,11 @@ LEFT_OUT = ("first impact", "rms", "to the end", "mismatch", "rank")
 FIGURES = (
     ("closed_loop_accuracy", "Error of the motion against the worst answer", plot_accuracy),
     ("closed_loop_separation", "Pose error in time", plot_separation),
-    ("closed_loop_physics", "Overlap and energy gained against the worst answer", plot_physics),
+    (
+        "closed_loop_physics",
+        "Overlap, reach and energy pumped in against the worst answer",
+        plot_physics,
+    ),
 )
 
 

@@ -111,8 +111,9 @@ def _separation(axes: Axes, each: Findings) -> None:
     axes.set_ylim(LEAST, 20)
     axes.grid(True, which="major")
     axes.axhline(APART, color=SOFT, linewidth=0.8, ls=":")
-    for name in {(row.solver, row.setting) for row in backends(each).itertuples()}:
-        _draw_error(axes, each, name, color=FAINT, linewidth=0.7, zorder=1, label="backends")
+    grey = {"color": SOFT, "alpha": 0.5, "linewidth": 0.6, "zorder": 1, "label": "backends"}
+    for row in backends(each).itertuples():
+        _draw_error(axes, each, (row.solver, row.setting), **grey)
     for setting, colour in SHOWN_NOISE:
         _draw_error(
             axes, each, (SLOPPY[0], setting), color=colour, linewidth=1.0, zorder=3,
@@ -181,7 +182,7 @@ def _against_accuracy(axes: Axes, each: Findings, values: pd.Series) -> None:
                 label=solver, zorder=2,
             )  # fmt: skip
     own = rows.loc[backends(each).index]
-    for setting in dict.fromkeys(own["setting"]):
+    for setting in reversed(dict.fromkeys(own["setting"])):  # the first one on top
         colour, marker = SETTING_LOOKS.get(setting, OTHER_LOOK)
         part = own[own["setting"] == setting]
         for ended, face in ((True, colour), (False, "white")):

@@ -18,6 +18,8 @@ AS_GOOD = 2.0
 """Times the error of ε within which a motion counts as good as that of exact QPs."""
 NOTABLE_ENERGY = 1e-3
 """Energy pumped in, over the largest kinetic energy, that is worth a sentence."""
+NOTABLE_RANK = 0.1
+"""Share of QPs that lack full rank that is worth a sentence."""
 DEEPER = 10.0
 """Times the overlap or the reach of exact QPs that is worth a sentence."""
 
@@ -199,7 +201,14 @@ def _sloppy(found: Sequence[Findings]) -> list[str]:
             else f"{noises[name]} not even at {least:g} ε₀"
             for name, limit in limits.items()
         ]
-        said.append(f"{text} Harmless are {', '.join(known)}.")
+        text += f" Harmless are {', '.join(known)}."
+        deficient = each.twin.measures["rank_deficient"]
+        if others and deficient > NOTABLE_RANK:
+            text += (
+                f" In {percent(deficient)} of its QPs λ is not unique: there ‖A δx‖ bounds the "
+                "error of the motion of a step, and not that of λ, on which friction depends."
+            )
+        said.append(text)
     return said
 
 

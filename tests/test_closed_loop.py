@@ -22,7 +22,7 @@ from harness.loop_store import load_loop, loop_path, write_loop
 from harness.store import StoreError
 from problems.qp import ContactQP, Solution
 from reports.closed_loop import sloppy_table, write_closed_loop
-from reports.closed_loop_figures import plot_accuracy
+from reports.closed_loop_figures import plot_separation
 from reports.closed_loop_findings import (
     as_large_as_eps,
     discretization,
@@ -314,8 +314,8 @@ def test_the_page_tells_what_was_found(found: Findings, tmp_path: Path) -> None:
     assert list(rows["solver"]) == list(found.rows["solver"])
     for name in ("accuracy", "separation", "physics"):
         assert (tmp_path / f"closed_loop_{name}.png").stat().st_size > 10_000
-    again = plot_accuracy([found], tmp_path / "again.svg")
-    assert again.read_bytes() == (tmp_path / "closed_loop_accuracy.svg").read_bytes()
+    again = plot_separation([found], tmp_path / "again.svg")
+    assert again.read_bytes() == (tmp_path / "closed_loop_separation.svg").read_bytes()
 
 
 def with_row(found: Findings, solver: str, **values: object) -> Findings:
