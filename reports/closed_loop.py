@@ -274,7 +274,7 @@ FIGURES = (
     ("closed_loop_separation", "Pose error in time", plot_separation),
     (
         "closed_loop_physics",
-        "Overlap, reach and energy pumped in against the worst answer",
+        "Overlap, reach and energy pumped in, against accuracy",
         plot_physics,
     ),
 )
