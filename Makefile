@@ -28,6 +28,10 @@ publish: study growth
 	  -o reports/published/criterion
 	mkdir reports/published/growth
 	cp results/growth/growth* reports/published/growth
+	$(BIN)/glambda stability -o reports/published/stability
+	$(BIN)/glambda closed-loop -o results/closed_loop
+	mkdir reports/published/closed_loop
+	cp results/closed_loop/closed_loop* reports/published/closed_loop
 	find reports/published -name '*.svg' -delete
 
 growth: $(INSTALLED)
