@@ -40,8 +40,12 @@ class Interval(NamedTuple):
 
 
 def geometric_mean(ratios: ArrayLike, seed: int = 0) -> Interval:
-    """Geometric mean of positive ratios in the order of their QPs; NaN without any."""
-    logs = np.log(np.asarray(ratios, float))
+    """Geometric mean of ratios in the order of their QPs; NaN without any.
+
+    A ratio that is not positive and finite, of a time too short for the clock, is left out.
+    """
+    ratios = np.asarray(ratios, float)
+    logs = np.log(ratios[(ratios > 0) & np.isfinite(ratios)])
     n = logs.size
     if n == 0:
         return Interval(np.nan, np.nan, np.nan)

@@ -39,6 +39,7 @@ from reports.pareto import ALL, pareto_answer, pareto_tables, plot_pareto, sweep
 from reports.physics import physics_table
 from reports.protocol import protocol, recordings_table, reproduce, versions_table
 from reports.results import ARMS, METHOD, Results, is_method, load_results
+from reports.spread import spread_table
 from reports.starts import plot_starts, starts_answer, starts_tables
 from reports.style import inline_figure
 from reports.table import Table
@@ -232,6 +233,7 @@ class _Writer:
         if results.headline is None:
             return None
         tables = [self.table(cost_table(results, name)) for name in results.settings]
+        tables += [self.table(spread_table(results, name)) for name in results.settings]
         figures = []
         if _with_solves(results):
             name = _with_solves(results)[0]

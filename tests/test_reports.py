@@ -17,11 +17,13 @@ from reports.criterion import criterion_answer, criterion_tables, thresholds
 from reports.figures import plot_accuracy, plot_cost, plot_profiles
 from reports.findings import how_accurate, join, ordinal, warm_start_worth, which_method
 from reports.frames import animate_scene, plot_scene, window_of
+from reports.intervals import geometric_mean
 from reports.motion import frame_times, motion_of
 from reports.page import prose, report, unflattering, write_report
 from reports.profiles import profile, ratios
 from reports.protocol import protocol, record_command, reproduce
 from reports.results import Results, empty_rows, load_results, prepare
+from reports.spread import spread_table
 from reports.table import microseconds, percent, short
 from reports.tables import (
     accuracy_table,
@@ -331,6 +333,40 @@ def test_warm_table_leaves_out_what_was_not_started_warm(study):
     assert own["time ratio"] == pytest.approx(0.5, abs=1e-3)
     assert data.loc[("fig2", "osqp"), "pairs"] == 6
     assert np.isnan(data.loc[("fig2", "daqp"), "one direction, warm"])
+
+
+def test_spread_table_has_the_quartiles_the_passes_and_the_range_of_the_ratio():
+    def runtime(scene, solver, setting, arm, i):
+        return (i + 1) * 1e-6 * (2 if solver == "daqp" else 1)
+
+    rows = make_rows(runtime=runtime)
+    rows["runtime_median"] = 1.25 * rows["runtime"]
+    rows = rows[rows["solver"].isin(["lotstedt", "daqp"])]
+    table = spread_table(results_of(rows), "paper")
+    row = table.data.set_index(["scene", "arm", "solver"]).loc[("fig2", "warm", "daqp")]
+    # ten QPs of 2, 4, … 20 µs
+    quartiles = row[["lower quartile", "median", "upper quartile"]].to_numpy(float)
+    np.testing.assert_allclose(quartiles, [6.5e-6, 11e-6, 15.5e-6])
+    assert row["passes"] == pytest.approx(1.25)
+    assert row[["ratio", "from", "to"]].to_numpy(float) == pytest.approx([2, 2, 2])
+    assert "Quartiles" in table.to_markdown()
+
+
+def test_the_range_of_a_warm_ratio_holds_it():
+    rows = make_rows(
+        qps=60, runtime=lambda *key: 1e-6 * (1 + key[4] % 3) if key[3] == "warm" else 2e-6
+    )
+    row = warm_table(results_of(rows), "paper").data.set_index(["scene", "solver"])
+    own = row.loc[("fig2", "lotstedt")]
+    assert own["from"] < own["time ratio"] < own["to"]
+    started = [i for i in range(60) if i not in (0, 3, 4)]
+    expected = np.exp(np.mean([np.log((1 + i % 3) / 2) for i in started]))
+    assert own["time ratio"] == pytest.approx(expected)
+
+
+def test_a_time_too_short_for_the_clock_is_no_ratio():
+    assert geometric_mean([2.0, 0.0, 2.0, np.nan, np.inf]).mean == pytest.approx(2.0)
+    assert np.isnan(geometric_mean([0.0]).mean)
 
 
 def test_a_warm_start_that_costs_is_called_so():
