@@ -138,6 +138,26 @@ def compliances(entries, bodies, inverse_mass):
 
 
 @kernel
+def own_gains(normal, tangent, bodies, inverse_mass, friction_of, signs, mu):
+    """γ = −μ s (g_NᵀM⁻¹g_F)/(g_NᵀM⁻¹g_N) of each normal whose contact slides, else 0, (N,)."""
+    gain = np.zeros(bodies.shape[0])
+    for i in range(bodies.shape[0]):
+        j = friction_of[i]
+        if j < 0 or signs[j] == 0:
+            continue
+        square, product = 0.0, 0.0
+        for side in range(2):
+            b = bodies[i, side]
+            if b >= 0:
+                for e in range(3):
+                    scaled = normal[i, 3 * side + e] * inverse_mass[3 * b + e]
+                    square += scaled * normal[i, 3 * side + e]
+                    product += scaled * tangent[i, 3 * side + e]
+        gain[i] = -mu[j] * signs[j] * product / square
+    return gain
+
+
+@kernel
 def column_sum(entries, bodies, weights, m):
     """Σ g weight, (m,)."""
     total = np.zeros(m)

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import LinearOperator, eigs, splu
 
 from problems.assembly import Assembly
 from problems.qp import Indices, Matrix, Vector
@@ -72,6 +72,36 @@ def newton_multipliers(
     return np.maximum(0.0, fixed_point) if fixed_point.min() >= least else lam_N
 
 
+def largest_gain(
+    assembly: Assembly, D: Vector, sigma: Vector, forced: Vector, lam_N: Vector
+) -> tuple[float, int]:
+    """The largest eigenvalue of λ_N'(λ_*), by its real part, and the normal that weighs most in it.
+
+    sigma : (F,) as of `forced_signs`;  forced : (F,) whether a friction slides or is at its bound
+    lam_N : (N,); the free normals are those above 0
+
+    Returns −inf where nothing is free and forced, or where the iteration that large sparse problems
+    need does not converge.
+    """
+    normals = np.flatnonzero(lam_N > 0)
+    if normals.size == 0 or not sigma.any():
+        return -np.inf, -1
+    S = assembly.scaled(normals, np.flatnonzero(np.logical_not(forced)), D)
+    K, moved = _normal_matrix(S), _forced(assembly, sigma, normals, D)
+    n = normals.size
+    try:
+        if sp.issparse(K):
+            solve = splu(K).solve
+            slope = LinearOperator((n, n), lambda lam: -solve(S.T @ (moved @ lam))[:n])
+            values, vectors = eigs(slope, k=1, which="LR", v0=np.ones(n), tol=1e-6)
+        else:
+            values, vectors = np.linalg.eig(-np.linalg.solve(K, S.T @ moved)[:n])
+    except (np.linalg.LinAlgError, RuntimeError):
+        return -np.inf, -1
+    first = int(np.argmax(values.real))
+    return float(values[first].real), int(normals[np.argmax(np.abs(vectors[:, first]))])
+
+
 def _forced(assembly: Assembly, sigma: Vector, normals: Indices, D: Vector) -> Matrix:
     """F T E: the friction force that a unit of each of these multipliers brings about."""
     friction = assembly.friction_of[normals]
@@ -82,14 +112,20 @@ def _forced(assembly: Assembly, sigma: Vector, normals: Indices, D: Vector) -> M
 
 def _solve(S: Matrix, forced: Matrix, right: Vector) -> Vector:
     """y of Sᵀ(S + [forced, 0]) y = right, with a ridge on the diagonal."""
-    order, count = S.shape[1], forced.shape[1]
-    if not sp.issparse(S):
-        K = S.T @ S
-        K.flat[:: order + 1] += RIDGE * K.diagonal().max()
+    K, count = _normal_matrix(S), forced.shape[1]
+    if not sp.issparse(K):
         K[:, :count] += S.T @ forced
         return np.linalg.solve(K, right)
-    K = S.T @ S
-    blank = sp.csc_array((S.shape[0], order - count))
-    ridge = RIDGE * K.diagonal().max() * sp.eye_array(order)
-    K = K + S.T @ sp.hstack([sp.csc_array(forced), blank], format="csc") + ridge
+    blank = sp.csc_array((S.shape[0], S.shape[1] - count))
+    K = K + S.T @ sp.hstack([sp.csc_array(forced), blank], format="csc")
     return splu(sp.csc_matrix(K)).solve(right)
+
+
+def _normal_matrix(S: Matrix) -> Matrix:
+    """SᵀS with the ridge."""
+    K = S.T @ S
+    ridge = RIDGE * K.diagonal().max()
+    if sp.issparse(K):
+        return sp.csc_matrix(K + ridge * sp.eye_array(K.shape[0]))
+    K.flat[:: K.shape[0] + 1] += ridge
+    return K

@@ -21,6 +21,7 @@ EVENT_KINDS = (
     "slip_to_stick",
     "stick_to_slip",
     "jam",
+    "gain",
     "force_jump",
     "drop",
     "hand_over",

@@ -13,6 +13,7 @@ from problems.contact_kernels import (
     contact_columns,
     dense_columns,
     edge_distances,
+    own_gains,
     place_corners,
     sparse_columns,
 )
@@ -139,6 +140,18 @@ def test_sums_and_matrices_of_columns(seed):
     np.testing.assert_allclose(column_speeds(entries, bodies, v), G.T @ v, **EXACT)
     np.testing.assert_allclose(column_sum(entries, bodies, weights, 15), G @ weights, **EXACT)
     np.testing.assert_allclose(compliances(entries, bodies, D), (G * G).T @ D, **EXACT)
+    tangent = np.roll(entries, 1, axis=1)
+    T = np.zeros((15, 20))
+    for i, (a, b) in enumerate(bodies):
+        T[3 * a : 3 * a + 3, i] = tangent[i, :3]
+        if b != GROUND:
+            T[3 * b : 3 * b + 3, i] = tangent[i, 3:]
+    friction_of, signs = rng.integers(-1, 3, 20), np.array([1.0, 0.0, -1.0])
+    mu = rng.uniform(size=3)
+    s_mu = np.where(friction_of >= 0, (signs * mu)[friction_of], 0.0)
+    gains = -s_mu * ((G * T).T @ D) / ((G * G).T @ D)
+    found = own_gains(entries, tangent, bodies, D, friction_of, signs, mu)
+    np.testing.assert_allclose(found, gains, **EXACT)
     np.testing.assert_allclose(dense_columns(entries, bodies, D), G / D[:, None], **EXACT)
     A = sp.csc_array(sparse_columns(entries, bodies, D), shape=G.shape)
     assert A.has_canonical_format

@@ -27,7 +27,9 @@ FAMILIES = {
     "heap": "problems.families:heap",
 }
 """Scenes of any number of bodies."""
-BUILT_IN = PAPER | FAMILIES
+STUDIES = {"painleve": "problems.scenes.painleve:painleve"}
+"""Scenes of a question of their own."""
+BUILT_IN = PAPER | FAMILIES | STUDIES
 
 
 @cache
