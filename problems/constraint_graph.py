@@ -237,6 +237,17 @@ class ConstraintGraph:
             self._free = active, corner[free], part[free]
         return self._free[1:]
 
+    def listed(self, q: Vector) -> tuple[Indices, Indices, Vector, float]:
+        """The candidates at q, where they were listed, and how far from there they hold [m].
+
+        The list is made anew where more than half of that is used up.
+        """
+        if not self._largest_motion(self._listed_at, q) <= self._margin / 4:
+            self._list_candidates(q, self._margin)
+        corner, part = self.candidates(q, q)
+        assert self._listed_at is not None
+        return corner, part, self._listed_at, self._margin / 2
+
     def levels(self, corner: Indices, part: Indices) -> Vector:
         """Reference level of each candidate, (N,) ≤ 0."""
         levels = np.zeros(corner.size)
@@ -247,6 +258,14 @@ class ConstraintGraph:
             at = order[np.minimum(np.searchsorted(key, wanted, sorter=order), key.size - 1)]
             levels = np.where(key[at] == wanted, np.array(list(self.level.values()))[at], 0.0)
         return levels
+
+    def set_levels(self, corner: Indices, part: Indices, level: Vector) -> None:
+        """Reference levels (N,) ≤ 0 of candidates; one of 0 is forgotten."""
+        for i in np.flatnonzero(self.levels(corner, part) != level):
+            if level[i] < 0:
+                self.level[int(corner[i]), int(part[i])] = float(level[i])
+            else:
+                del self.level[int(corner[i]), int(part[i])]
 
     def note_clearances(self, corner: Indices, part: Indices, clearance: Vector) -> None:
         """Follow corners that were let in without a contact: their levels sink with them."""

@@ -2,7 +2,7 @@
 
 A force is a frozen object with `add(f, q, v, t)`, which adds its share to f (3n,); it says whether
 it depends on the velocity, which makes the step iterate (3.9), and at which times it jumps, where
-the integration restarts.
+the integration restarts.  One that is constant between its jumps may say so, with `constant`.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ class Gravity:
     masses: Vector
     g: float
     velocity_dependent = False
+    constant = True
     jumps: tuple[float, ...] = ()
 
     def add(self, f: Vector, q: Vector, v: Vector, t: float) -> None:
@@ -104,6 +105,7 @@ class Load:
     start: float = 0.0
     end: float = np.inf
     velocity_dependent = False
+    constant = True
 
     @property
     def jumps(self) -> tuple[float, ...]:

@@ -25,6 +25,8 @@ from problems.qp import Vector
 
 GROWTH = 2.0
 """Largest h_n / h_{n−1}."""
+SHORTEST_STEP = 1e-9
+"""Steps shorter than this are not taken: an event there happens at t_{n−1} [s]."""
 SAFETY = 0.9
 """Fraction of the step that (3.5) would allow."""
 
@@ -68,6 +70,10 @@ class History:
         self.a = [a, *self.a[:1]]
         self.h = h
         self.steps += 1
+
+    def resume(self, v: Vector, v_before: Vector, a: list[Vector], h: float, steps: int) -> None:
+        """Go on from steps that were taken elsewhere."""
+        self.v, self.v_before, self.a, self.h, self.steps = v, v_before, a, h, steps
 
     @property
     def order(self) -> int:

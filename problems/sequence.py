@@ -30,10 +30,13 @@ class SimulationError(RuntimeError):
 
 
 class QPSequence:
-    """Poses, solves and keeps QPs; those of a step are marked accepted when the step is."""
+    """Poses, solves and keeps QPs; those of a step are marked accepted when the step is.
 
-    def __init__(self, solver: SolvesQPs):
-        self.solver = solver
+    keep : whether they are kept;  count : how many there were
+    """
+
+    def __init__(self, solver: SolvesQPs, keep: bool = True):
+        self.solver, self.keep, self.count = solver, keep, 0
         self.qps: list[ContactQP] = []
         self.solutions: list[Solution] = []
         self._last: Solution | None = None
@@ -44,12 +47,21 @@ class QPSequence:
         """The next time step follows a discontinuity."""
         self._restarting = True
 
+    def start(self) -> Solution | None:
+        """What the next step's QP starts from."""
+        return None if self._restarting else self._last
+
+    def went_on(self, last: Solution, count: int) -> None:
+        """So many more QPs of steps were solved elsewhere, with this last solution."""
+        self._last, self._restarting = last, False
+        self.count += count
+
     def solve(self, **fields: Any) -> tuple[ContactQP, Solution]:
         """Pose the QP with these fields of `ContactQP` and solve it."""
         warm = fields["kind"] in WARM_KINDS
         first = warm and self._restarting
         qp = ContactQP(**fields, accepted=False, restart=first)
-        start = self._last if warm and not first else None
+        start = self.start() if warm else None
         solution = self._ask(qp, start)
         if start is not None and not solution.found:
             solution = self._ask(qp, None)
@@ -58,9 +70,11 @@ class QPSequence:
                 f"t = {qp.t:.6g}: the solver gave no answer to a {qp.kind} QP with {qp.k} columns "
                 f"({solution.status.name.lower()}: {solution.status_text or solution.status.value})"
             )
-        self.qps.append(qp)
-        # what a solver wants back goes to its successor only: it may be far larger than the answer
-        self.solutions.append(replace(solution, memory=None))
+        self.count += 1
+        if self.keep:
+            self.qps.append(qp)
+            # what a solver wants back goes to its successor only: it may be far larger than x
+            self.solutions.append(replace(solution, memory=None))
         if warm:
             self._restarting = False
             self._last = solution

@@ -47,15 +47,21 @@ from problems.events import (
 )
 from problems.friction import FrictionRule
 from problems.impulses import ImpulseRule, solve_impulse
-from problems.multistep import GROWTH, SAFETY, History, Path, first_order_step
+from problems.multistep import (
+    GROWTH,
+    SAFETY,
+    SHORTEST_STEP,
+    History,
+    Path,
+    first_order_step,
+)
 from problems.qp import Vector
+from problems.quiet import Shapes, quiet_solver, take_quiet_steps
 from problems.run import Event, Run
 from problems.scenes import Scene
 from problems.sequence import QPSequence, SimulationError, SolvesQPs
 from problems.velocity import STUCK, VelocityEquations, VelocityStep
 
-SHORTEST_STEP = 1e-9
-"""Steps shorter than this are not taken: an event there happens at t_{n−1} [s]."""
 MAX_TRIES = 60
 """Trials of one step before the simulation gives up."""
 MAX_STANDSTILL = 200
@@ -123,12 +129,15 @@ def simulate(
     rest_speed: float | None = None,
     order: int = 2,
     impulses: ImpulseRule = "paper",
+    keep_qps: bool = True,
     progress: Callable[[float], None] | None = None,
 ) -> Run:
     """Simulate `scene` with `solver` in the loop, to `until` [s], its end time or rest.
 
     eps and until default to the scene's own; the other settings are those of `StepperOptions`.
-    progress : called with t after every accepted step
+    keep_qps : whether the run holds its QPs; without them, steps in which nothing happens are left
+        to the solver where it can take them, see `problems.quiet`
+    progress : called with t after every accepted step, or after some at once
 
     Raises ValueError for bad settings or bodies that overlap at the start, `SimulationError` where
     the simulation cannot go on.
@@ -148,7 +157,7 @@ def simulate(
     end = scene.end_time if until is None else float(until)
     if not (np.isfinite(end) and end > 0):
         raise ValueError(f"until = {until!r}; it must be a positive time")
-    stepper = Stepper(scene, solver, options)
+    stepper = Stepper(scene, solver, options, keep_qps)
     stepper.start()
     while stepper.t < end - SHORTEST_STEP and not stepper.at_rest:
         stepper.advance(end)
@@ -160,18 +169,20 @@ def simulate(
 class Stepper:
     """The state of one simulation; `start` once, then `advance` step by step."""
 
-    def __init__(self, scene: Scene, solver: SolvesQPs, options: StepperOptions):
+    def __init__(
+        self, scene: Scene, solver: SolvesQPs, options: StepperOptions, keep_qps: bool = True
+    ):
         self.scene, self.options = scene, options
         self.D = np.sqrt(mass_diagonal(scene.bodies))
         self.graph = ConstraintGraph(Geometry(scene.bodies, scene.ground), scene.mu_between)
-        self.qps = QPSequence(solver)
-        self._forces = scene.all_forces()
-        self._jumps = sorted({time for f in self._forces for time in f.jumps})
+        self.qps = QPSequence(solver, keep_qps)
+        self.forces = scene.all_forces()
+        self._jumps = sorted({time for f in self.forces for time in f.jumps})
         self._impulses = sorted(scene.impulses, key=lambda impulse: (impulse.t, impulse.body))
         self.equations = VelocityEquations(
             D=self.D,
             forces=self.force,
-            velocity_dependent=any(f.velocity_dependent for f in self._forces),
+            velocity_dependent=any(f.velocity_dependent for f in self.forces),
             eps=options.eps,
             friction=options.friction,
         )
@@ -186,12 +197,14 @@ class Stepper:
         self._still_since: float | None = None
         self._standstill = 0
         self.at_rest = False
-        self._states: list[tuple[float, Vector, Vector, dict[int, float], float]] = []
+        self.states: list[tuple[float, Vector, Vector, dict[int, float], float]] = []
+        self.shapes = Shapes.of(self.graph.geometry)
+        self._quiet = quiet_solver(self)
 
     def force(self, q: Vector, v: Vector, t: float) -> Vector:
         """f(q, q̇, t) of (2.1), (3n,)."""
         f = np.zeros_like(q)
-        for force in self._forces:
+        for force in self.forces:
             force.add(f, q, v, t)
         return f
 
@@ -226,7 +239,7 @@ class Stepper:
 
     def finish(self) -> Run:
         """Everything that the simulation left behind."""
-        t, q, v, multipliers, gaps = zip(*self._states, strict=True)
+        t, q, v, multipliers, gaps = zip(*self.states, strict=True)
         shape = (len(t), len(self.scene.bodies), 3)
         return Run(
             scene=self.scene,
@@ -238,14 +251,17 @@ class Stepper:
             event_log=self.event_log,
             qps=self.qps.qps,
             solutions=self.qps.solutions,
-            counts=self.counts | {"qps": len(self.qps.qps)},
+            counts=self.counts | {"qps": self.qps.count},
             options=asdict(self.options),
         )
 
     # --- algorithm 1 -----------------------------------------------------------------------------
 
     def advance(self, end: float) -> None:
-        """One accepted step, or one event where no time passes."""
+        """One accepted step, some quiet ones, or one event where no time passes."""
+        if self._quiet is not None and take_quiet_steps(self, self._quiet, end):
+            self._after_quiet_steps()
+            return
         here = Assembly(self.graph, self.q)
         self._check_constraints(here)
         slip_before = here.slip_speed(self.history.v)
@@ -254,7 +270,7 @@ class Stepper:
         signs = np.array([friction.sign for friction in here.frictions], dtype=np.float64)
         known = self.lam_known
         h_full = self._step_length()
-        h = min(h_full, min([*self._scheduled(), end]) - self.t)
+        h = min(h_full, min([*self.scheduled(), end]) - self.t)
         unsettled = 0
         for _ in range(MAX_TRIES):
             handed_over, losses = edge_ends(self.graph, path, h)
@@ -415,6 +431,15 @@ class Stepper:
                 friction.sign = -int(np.sign(speed))
                 self._log("stick_to_slip", self._contact_name(friction.contact))
 
+    def _after_quiet_steps(self) -> None:
+        """Step 4 after steps in which nothing else happened."""
+        self._standstill = 0
+        assembly = Assembly(self.graph, self.q)
+        self._check_constraints(assembly)
+        lam_N = np.array([normal.lam for normal in assembly.normals])
+        self._drop_separating(assembly, self.history.v, lam_N)
+        self._watch_rest()
+
     def _standing_event(self, hits: list[Hit], losses: list[SlideOff]) -> None:
         """Events at t_{n−1} itself."""
         self._count_standstill()
@@ -563,7 +588,7 @@ class Stepper:
                 f"{-speed[i]:.3g} m/s although it is active; the solver's answer was wrong"
             )
 
-    def _scheduled(self) -> list[float]:
+    def scheduled(self) -> list[float]:
         """Times ahead at which a force jumps or an external impulse acts."""
         times = [*self._jumps, *(impulse.t for impulse in self._impulses)]
         return [time for time in times if time > self.t + SHORTEST_STEP]
@@ -585,7 +610,7 @@ class Stepper:
             lam = dict(zip(ids, [*step.lam_N.tolist(), *step.lam_F.tolist()], strict=True))
             if step.assembly.normals:
                 gap = float(step.assembly.columns.phi.min())
-        self._states.append((self.t, self.q.copy(), self.history.v.copy(), lam, gap))
+        self.states.append((self.t, self.q.copy(), self.history.v.copy(), lam, gap))
 
     def _watch_rest(self) -> None:
         speeds = np.linalg.norm((self.D * self.history.v).reshape(-1, 3), axis=1)
@@ -596,7 +621,7 @@ class Stepper:
         elif (
             self.scene.stop_at_rest
             and self.t - self._still_since >= REST_TIME
-            and not self._scheduled()
+            and not self.scheduled()
         ):
             self.at_rest = True
             self._log("rest", f"still since t = {self._still_since:.4f}")

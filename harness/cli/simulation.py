@@ -73,6 +73,7 @@ def simulate(
             friction=friction,
             impulses=impulses,
             drop_tol=drop_tol,
+            keep_qps=False,
             progress=lambda t: tell(f"t = {t:.3f} s", t, end),
         )
     print_run(terminal(), run)

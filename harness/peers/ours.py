@@ -63,7 +63,12 @@ class Glambda(Peer):
     def _timed(self, until: float) -> tuple[float, Run]:
         start = time.process_time_ns()
         run = simulate(
-            self.scene, self.solver, until=until, impulses="newton_coulomb", **self.options
+            self.scene,
+            self.solver,
+            until=until,
+            impulses="newton_coulomb",
+            keep_qps=False,
+            **self.options,
         )
         return 1e-9 * (time.process_time_ns() - start), run
 

@@ -27,6 +27,9 @@ SOURCES = (
     "sparse_workspace.py",
     "sparse_cholesky.py",
     "sparse_loop.py",
+    "quiet_steps.py",
+    "../../problems/quiet.py",
+    "../../problems/contact_kernels.py",
 )
 FAST_MATH = frozenset({"reassoc", "contract", "nsz"})
 """Sums may be regrouped for vector instructions; NaN and infinity keep their meaning."""

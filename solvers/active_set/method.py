@@ -59,6 +59,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from problems.qp import ContactQP, Solution, Status, WorkCounts
+from problems.quiet import SOLVES, TAKEN, QuietSteps, read_only
 from solvers.active_set.compiled import entry
 from solvers.active_set.loop import (
     CUSTOM,
@@ -74,6 +75,7 @@ from solvers.active_set.loop import (
     WARM,
     algorithm_2,
 )
+from solvers.active_set.quiet_steps import quiet_steps
 from solvers.active_set.sparse_loop import sparse_algorithm_2
 from solvers.active_set.sparse_pattern import is_narrow, make_pattern
 from solvers.active_set.sparse_workspace import SparseWorkspace, make_sparse_workspace
@@ -99,7 +101,7 @@ from solvers.active_set.workspace import (
     X,
     make_workspace,
 )
-from solvers.base import Answer, Form, Solver, Start
+from solvers.base import Answer, Form, Solver, Start, usable
 
 CROSSOVER = 48
 """Columns up to which today's factorization is faster than an old R, dense or sparse.
@@ -293,6 +295,35 @@ class Lotstedt(Solver):
                 *(-1.0 if asked is None else asked, mode if start is None else mode | WARM),
             ),
             room,
+        )
+
+    def take_quiet_steps(self, run: QuietSteps, start: Solution | None) -> Solution | None:
+        """Steps of a simulation by `quiet_steps`; small systems and the method's default only."""
+        m, k = run.D.size, run.row_id.size
+        mode: int = self._small  # type: ignore[attr-defined]
+        if self.variant or mode & CUSTOM or k > CROSSOVER:
+            return None
+        start = usable(start)
+        if start is None or start.x is None:
+            room = make_workspace(m, k)
+        else:
+            mode |= WARM
+            room = start.memory
+            if type(room) is not Workspace or room.n < k or room.n < m:
+                before = Start(start.x, start.working_set, start.row_id, False, start.memory)
+                room = dense_room(m, k, before)
+        A, d = np.zeros((m, k)), np.zeros(m)
+        asked = run.eps0 if self.accuracy is None else self.accuracy
+        eps0 = -1.0 if asked == "default" else float(asked)
+        quiet_steps(run, A, read_only(A), d, read_only(d), room.S, room.I, eps0, mode)
+        if not run.counts[SOLVES] and not run.counts[TAKEN]:
+            return None
+        return Solution(
+            x=room.S[X, :k].copy(),
+            row_id=run.row_id,
+            status=Status.SOLVED,
+            working_set=room.I[MEMBER, :k].astype(np.int8),
+            memory=room if k else None,
         )
 
     def _hand_over_options(self, room: Workspace | SparseWorkspace, t: float) -> None:

@@ -1,0 +1,194 @@
+"""Steps in which nothing happens, handed to a solver that can take them by itself.
+
+Between events a step is always the same: AB-r, columns, one QP, BDF-r, the length of the next.  A
+solver whose QPs are solved in compiled code may offer `take_quiet_steps`, a loop over such steps
+that ends where the stepper is needed.  What it does is what `Stepper.advance` does, up to rounding;
+here is what both must agree on.  It is for runs whose QPs are not kept, without active friction and
+with forces that are constant between their jumps.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from problems import constraint_graph, events, multistep
+from problems.constraint_graph import ActiveSet
+from problems.contacts import Geometry
+from problems.qp import Indices, Solution, Vector
+
+if TYPE_CHECKING:
+    from problems.stepper import Stepper
+
+MOST = 256
+"""Steps of one call."""
+
+# rows of `QuietSteps.state`
+Q, V, V_BEFORE, A, A_BEFORE = range(5)
+# entries of `QuietSteps.reals`: the time, the last step and the one wished for [s] …
+TIME, H, WISH = range(3)
+# … and what the stepper is set to
+EPS, DROP_TOL, H_MAX, FIXED, REST_SPEED, SHORTEST, UNTIL, REACH = range(3, 11)
+GROWTH, SAFETY, ROUNDING, FORGET, END_SLACK, CONTACT_TOL = range(11, 17)
+# entries of `QuietSteps.counts`: steps since the last restart, steps taken, QPs solved, highest
+# order, and whether the candidates have to be listed anew
+STEPS, TAKEN, SOLVES, HIGHEST, STALE = range(5)
+
+
+class Shapes(NamedTuple):
+    """The arrays of a `Geometry` that kernels need."""
+
+    corner_body: Indices
+    corner_part: Indices
+    corner_local: Vector
+    part_body: Indices
+    edge_normal: Vector
+    edge_offset: Vector
+    edge_start: Vector
+    edge_length: Vector
+    radius: Vector
+
+    @classmethod
+    def of(cls, geometry: Geometry) -> Shapes:
+        return cls(*(getattr(geometry, name) for name in cls._fields))
+
+
+class QuietSteps(NamedTuple):
+    """What steps are taken with, and what they leave behind; for n bodies and N active normals.
+
+    D : (3n,);  forces : (3n,) f;  eps0 : the accuracy asked of a QP (3.13)
+    place : (N, 3) corner, part, edge;  row_id : (N,);  lower, upper : (N,) 0 and ∞;
+        these three read only
+    corner, part, level : (C,) the candidates;  levels sink and are forgotten
+    listed_at : (3n,) where the candidates were listed
+    state, reals, counts : see the names above, updated
+    track : (MOST, 1 + 6n) t, q, q̇ of every step;  gaps : (MOST,) min φ [m]
+    multipliers : (MOST, N) λ
+    """
+
+    shapes: Shapes
+    D: Vector
+    forces: Vector
+    eps0: float
+    place: Indices
+    row_id: Indices
+    lower: Vector
+    upper: Vector
+    corner: Indices
+    part: Indices
+    level: Vector
+    listed_at: Vector
+    state: Vector
+    reals: Vector
+    counts: Indices
+    track: Vector
+    gaps: Vector
+    multipliers: Vector
+
+
+class TakesQuietSteps(Protocol):
+    """A solver with a compiled loop over steps."""
+
+    def take_quiet_steps(self, run: QuietSteps, start: Solution | None) -> Solution | None:
+        """Take steps until the stepper is needed; the last solution, None without any."""
+
+
+def read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """The same memory, not to be written to, as kernels want what a QP consists of."""
+    view = array.view()
+    view.setflags(write=False)
+    return view
+
+
+def quiet_solver(stepper: Stepper) -> TakesQuietSteps | None:
+    """The solver of a simulation, if quiet steps may be left to it."""
+    solver = stepper.qps.solver
+    able = hasattr(solver, "take_quiet_steps") and not stepper.qps.keep
+    constant = all(getattr(force, "constant", False) for force in stepper.forces)
+    return solver if able and constant else None  # type: ignore[return-value]
+
+
+def take_quiet_steps(stepper: Stepper, solver: TakesQuietSteps, end: float) -> bool:
+    """Let `solver` take steps from here to `end` [s]; whether it took any.
+
+    The stepper is left as it is after the last of them, before step 4.
+    """
+    active = stepper.graph.active_set()
+    if active.frictions:
+        return False
+    taken = 0
+    while True:
+        run = _prepare(stepper, active, end)
+        solution = solver.take_quiet_steps(run, stepper.qps.start())
+        if solution is None:
+            return taken > 0
+        steps = int(run.counts[TAKEN])
+        stepper.qps.went_on(solution, steps)
+        if steps:
+            _follow(stepper, run, active, steps)
+        taken += steps
+        if not run.counts[STALE]:
+            return taken > 0
+
+
+def _prepare(stepper: Stepper, active: ActiveSet, end: float) -> QuietSteps:
+    graph, history, options = stepper.graph, stepper.history, stepper.options
+    until = min([*stepper.scheduled(), end])
+    corner, part, listed_at, reach = graph.listed(stepper.q)
+    state = np.zeros((5, stepper.q.size))
+    state[[Q, V, V_BEFORE]] = stepper.q, history.v, history.v_before
+    for row, a in zip((A, A_BEFORE), history.a, strict=False):
+        state[row] = a
+    count = len(active.normals)
+    return QuietSteps(
+        shapes=stepper.shapes,
+        D=stepper.D,
+        # constant on the way, but one may begin or end at t itself
+        forces=stepper.force(stepper.q, history.v, 0.5 * (stepper.t + until)),
+        eps0=0.1 * options.eps,
+        place=active.place,
+        row_id=read_only(active.normal_ids),
+        lower=read_only(np.zeros(count)),
+        upper=read_only(np.full(count, np.inf)),
+        corner=corner,
+        part=part,
+        level=graph.levels(corner, part),
+        listed_at=listed_at,
+        state=state,
+        reals=np.array(
+            [
+                *(stepper.t, history.h, stepper.h_last),
+                *(options.eps, options.drop_tol, options.h_max, options.fixed_step or 0.0),
+                *(options.rest_speed, multistep.SHORTEST_STEP, until, reach),
+                *(multistep.GROWTH, multistep.SAFETY, constraint_graph.ROUNDING),
+                *(constraint_graph.FORGET_LEVEL, events.END_SLACK, graph.geometry.contact_tol),
+            ]
+        ),
+        counts=np.array([history.steps, 0, 0, history.highest, 0]),
+        track=np.empty((MOST, 1 + 2 * stepper.q.size)),
+        gaps=np.empty(MOST),
+        multipliers=np.empty((MOST, count)),
+    )
+
+
+def _follow(stepper: Stepper, run: QuietSteps, active: ActiveSet, taken: int) -> None:
+    """Bring the stepper to where the run has come."""
+    m = stepper.q.size
+    multipliers = run.multipliers[:taken]
+    for normal, lam in zip(active.normals, multipliers.T, strict=True):
+        normal.lam_before = float(lam[-2]) if taken > 1 else normal.lam
+        normal.lam = float(lam[-1])
+    stepper.graph.set_levels(run.corner, run.part, run.level)
+    ids = active.normal_ids.tolist()
+    for row, lam, gap in zip(run.track, multipliers.tolist(), run.gaps.tolist(), strict=False):
+        multiplier = dict(zip(ids, lam, strict=True))
+        stepper.states.append((row[0], row[1 : 1 + m], row[1 + m :], multiplier, gap))
+    stepper.t, h, stepper.h_last = run.reals[[TIME, H, WISH]].tolist()
+    stepper.q = run.state[Q]
+    steps = int(run.counts[STEPS])
+    a = [run.state[A], run.state[A_BEFORE]][:steps]
+    stepper.history.resume(run.state[V], run.state[V_BEFORE], a, h, steps)
+    stepper.lam_known = min(stepper.lam_known + taken, stepper.history.steps, 2)
+    stepper.counts["steps"] += taken

@@ -1,0 +1,90 @@
+"""Steps taken in compiled code: the same motion as step by step, events and counts included."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from problems import scene, simulate
+from solvers import make_solver
+
+SAME = 1e-10
+"""Rounding, as far as the motions of these scenes magnify it [m]."""
+
+
+def both(name: str, parameters: dict, **options):
+    runs = [
+        simulate(scene(name, **parameters), make_solver("lotstedt"), keep_qps=keep, **options)
+        for keep in (True, False)
+    ]
+    return runs
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "until"),
+    [
+        ("fig2", {}, 1.5),
+        ("fig3", {}, 1.0),
+        ("fig4", {}, 1.5),
+        ("fig5", {}, 1.0),
+        ("tower", {"bodies": 10}, 0.5),
+        ("wall", {"bodies": 12}, 0.3),
+        ("heap", {"bodies": 6}, 0.5),
+    ],
+)
+def test_quiet_steps_are_those_of_the_stepper(name, parameters, until):
+    kept, left = both(name, parameters, until=until)
+    assert left.counts == kept.counts
+    assert [event.kind for event in left.event_log] == [event.kind for event in kept.event_log]
+    np.testing.assert_allclose(left.t, kept.t, rtol=0, atol=SAME)
+    np.testing.assert_allclose(left.q, kept.q, rtol=0, atol=SAME)
+    np.testing.assert_allclose(left.v, kept.v, rtol=0, atol=100 * SAME)
+    np.testing.assert_allclose(left.gaps, kept.gaps, rtol=0, atol=SAME)
+    for one, other in zip(left.multipliers, kept.multipliers, strict=True):
+        assert list(one) == list(other)
+        np.testing.assert_allclose(list(one.values()), list(other.values()), rtol=1e-6, atol=1e-6)
+    assert (left.qps, left.solutions) == ([], [])
+
+
+@pytest.mark.parametrize("options", [{"fixed_step": 1e-3}, {"order": 1}, {"eps": 1e-5}])
+def test_quiet_steps_obey_the_options(options):
+    kept, left = both("fig2", {}, until=0.5, **options)
+    assert left.counts == kept.counts
+    np.testing.assert_allclose(left.q, kept.q, rtol=0, atol=SAME)
+
+
+def test_most_steps_of_a_quiet_motion_are_left_to_the_solver(monkeypatch):
+    import problems.stepper as stepper
+
+    alone = []
+    advance = stepper.Stepper._try_velocity
+    monkeypatch.setattr(
+        stepper.Stepper,
+        "_try_velocity",
+        lambda self, *args: alone.append(self.t) or advance(self, *args),
+    )
+    run = simulate(scene("fig2"), make_solver("lotstedt"), until=0.7, keep_qps=False)
+    assert len(alone) < 0.1 * run.counts["steps"]
+
+
+def test_a_solver_without_compiled_steps_goes_step_by_step():
+    runs = [
+        simulate(scene("fig2"), make_solver("daqp"), until=0.2, keep_qps=keep)
+        for keep in (True, False)
+    ]
+    np.testing.assert_array_equal(runs[0].q, runs[1].q)
+    assert runs[0].counts == runs[1].counts and not runs[1].qps
+
+
+def test_a_load_that_begins_is_obeyed():
+    from dataclasses import replace
+
+    from problems.forces import Load
+
+    pushed = replace(scene("fig2"), forces=(Load(4, (1.5, 0.0, 0.0), 0.1, 0.2),))
+    kept, left = (
+        simulate(pushed, make_solver("lotstedt"), until=0.35, keep_qps=keep)
+        for keep in (True, False)
+    )
+    np.testing.assert_allclose(left.q, kept.q, rtol=0, atol=SAME)
+    assert abs(left.v[-1, 4, 0] - 0.1) < 1e-2
