@@ -23,7 +23,7 @@ This differs from the paper, because the text leaves it open or the rule fails a
  7. jamming: sliding forces s μ λ with s kept may feed back on λ with a gain ≥ 1, and then no λ
     meets both laws at any h (Painlevé).  Where the passes have failed for `JAM_TRIALS` lengths,
     the integration restarts at t_{n−1} with a short step in which every contact may stick: some
-    catch, q̇ jumps, and it restarts once more.
+    catch, q̇ jumps, and it restarts once more.  Gains ≥ 1 are events, see `problems.gain`.
 """
 
 from __future__ import annotations
@@ -46,6 +46,7 @@ from problems.events import (
     touching,
 )
 from problems.friction import FrictionRule
+from problems.gain import GainWatch
 from problems.impulses import ImpulseRule, solve_impulse
 from problems.multistep import (
     GROWTH,
@@ -186,6 +187,7 @@ class Stepper:
             eps=options.eps,
             friction=options.friction,
         )
+        self.gain_watch = GainWatch(self.D, self.equations.velocity_dependent)
         self.t = 0.0
         self.q = scene.q0.ravel().copy()
         self.history = History(scene.v0.ravel().copy(), options.order)
@@ -286,6 +288,8 @@ class Stepper:
                 handed_over, _ = edge_ends(self.graph, path, h)
             step = self._try_velocity(path, h, handed_over, signs, known)
             unsettled += not step.settled
+            if not step.settled:
+                self._watch_gain(step, signs)
             if unsettled == JAM_TRIALS and signs.any():
                 self._reject()
                 self._restart(1)
@@ -310,6 +314,7 @@ class Stepper:
                 self._reject()
                 continue
             self._accept(step, handed_over, h_full)
+            self._watch_gain(step, signs)
             if known == STUCK:
                 self._jam(step)
             stopped = [here.frictions[j] for j in np.flatnonzero(lengths <= h)]
@@ -557,6 +562,13 @@ class Stepper:
             friction.sign = -int(np.sign(speed)) if slides_on else 0
         self._log("jam", "; ".join(caught))
         self._restart(0)
+
+    def _watch_gain(self, step: VelocityStep, signs: Vector) -> None:
+        """Report a friction gain γ ≥ 1, once per episode."""
+        found = self.gain_watch.look(step, signs)
+        if found is not None:
+            gain, normal = found
+            self._log("gain", f"{self._contact_name(normal.contact)}: γ = {gain:.3g}")
 
     def _drop_separating(self, assembly: Assembly, v: Vector, lam_N: Vector | None = None) -> None:
         """Step 4: contacts with λ = 0 and g_Nᵀq̇ > drop_tol leave J_N."""

@@ -22,6 +22,14 @@ def run_of(
     return simulate(made, make_solver("lotstedt"), until=until, friction=friction, eps=eps)  # type: ignore[arg-type]
 
 
+def gains(run: Run) -> list[float]:
+    return [float(e.detail.rsplit("= ", 1)[1]) for e in run.event_log if e.kind == "gain"]
+
+
+def kinds(run: Run) -> list[str]:
+    return [event.kind for event in run.event_log]
+
+
 def test_the_end_of_the_rod_touches_and_slides() -> None:
     for parameters in ({}, {"angle": 0.3, "spin": 2.0}, FLUSH):
         run = run_of(1e-4, mu=0.1, **parameters)
@@ -38,6 +46,27 @@ def test_the_end_of_the_rod_touches_and_slides() -> None:
 def test_an_angle_out_of_range_is_refused() -> None:
     with pytest.raises(ValueError, match=r"angle = 2; it must be above 0"):
         scene("painleve", angle=2.0)
+
+
+@pytest.mark.parametrize("friction", ["paper", "corrected"])
+@pytest.mark.parametrize("parameters", [{}, {"spin": 4.0}, FLUSH], ids=["none", "two", "flush"])
+def test_a_gain_of_one_or_more_is_an_event_once(friction: str, parameters: dict) -> None:
+    found = gains(run_of(friction=friction, **parameters))
+    assert found == [pytest.approx(1.2, abs=0.01)]  # μ · 3 tan θ/(4 + tan²θ)
+
+
+@pytest.mark.parametrize("friction", ["paper", "corrected"])
+@pytest.mark.parametrize("changes", [{"mu": 1.3}, {"slip": -1.0}, {"mu": 1.3, **FLUSH}])
+def test_below_one_there_is_no_event(friction: str, changes: dict) -> None:
+    assert "gain" not in kinds(run_of(friction=friction, **changes))
+
+
+def test_gains_of_several_contacts_are_found_where_the_passes_fail() -> None:
+    """Boxes that slide on each other: no contact has a gain of 1 by itself with μ = 0.5."""
+    run = simulate(scene("fig2", boxes=8, mu=0.5), make_solver("lotstedt"), until=0.08)
+    assert gains(run) and min(gains(run)) >= 1
+    first = next(event.t for event in run.event_log if event.kind == "gain")
+    assert min(abs(first - event.t) for event in run.event_log if event.kind == "jam") < 1e-3
 
 
 @pytest.mark.parametrize("entries", [10**6, 0], ids=["dense", "sparse"])
