@@ -54,4 +54,9 @@ def kernel_decorator(sources: Sequence[Path]) -> Callable[[Any], Any]:
     return kernel
 
 
-kernel = kernel_decorator([Path(__file__), Path(__file__).with_name("contact_kernels.py")])
+kernel = kernel_decorator(
+    [
+        Path(__file__),
+        *(Path(__file__).with_name(f"{name}.py") for name in ("contact_kernels", "dips")),
+    ]
+)

@@ -16,6 +16,7 @@ from scipy.optimize import brentq
 from problems.constraint_graph import ROUNDING, ConstraintGraph, Normal
 from problems.contact_kernels import column_speeds
 from problems.contacts import Columns, Geometry, Pose
+from problems.dips import dips
 from problems.multistep import Path
 from problems.qp import Vector
 
@@ -69,9 +70,9 @@ def _approach_speed(
 def first_hits(graph: ConstraintGraph, path: Path, h: float, slowest: float) -> list[Hit]:
     """The earliest collisions along the path within h; several if simultaneous, sorted.
 
-    A candidate collides when its clearance falls below its reference level, unless an active
-    contact makes it redundant there or the parts are not approaching (faster than `slowest`) along
-    the normal of the edge concerned.
+    A candidate collides when its clearance falls below its reference level, be it for a part of the
+    step only (`problems.dips`), unless an active contact makes it redundant there or the parts are
+    not approaching (faster than `slowest`) along the normal of the edge concerned.
     """
     geometry = graph.geometry
     corner, part = graph.candidates(path.start, path(h))
@@ -80,14 +81,20 @@ def first_hits(graph: ConstraintGraph, path: Path, h: float, slowest: float) -> 
     level = graph.levels(corner, part)
     before = geometry.clearance(geometry.pose(path.start), corner, part) - level
     after = geometry.clearance(geometry.pose(path(h)), corner, part) - level
+    ends_inside = after < np.minimum(0.0, before) - ROUNDING
+    floor = level + np.minimum(0.0, np.minimum(before, after))
+    dip_start, dip_end = dips(geometry, path, h, corner, part, floor)
     hits: list[Hit] = []
-    for i in np.flatnonzero(after < np.minimum(0.0, before) - ROUNDING):
-        c, p, ref = int(corner[i]), int(part[i]), float(level[i])
+    for i in np.flatnonzero(ends_inside | np.isfinite(dip_end)):
+        c, p, ref = int(corner[i]), int(part[i]), float(level[i] if ends_inside[i] else floor[i])
 
         def gap(step: float, c=c, p=p, ref=ref) -> float:
             return geometry.clearance_on_path(path, step, c, p) - ref
 
-        where = _crossing(gap, h, float(before[i]), float(after[i]))
+        if ends_inside[i]:
+            where = _crossing(gap, h, float(before[i]), float(after[i]))
+        else:
+            where = _entry(gap, float(dip_start[i]), float(dip_end[i]))
         pose = geometry.pose(path(where))
         edge = geometry.hit_edge(pose, c, p)
         if _approach_speed(geometry, pose, path.rate(where), c, p, edge) >= -slowest:
@@ -112,8 +119,15 @@ def _crossing(gap: Callable[[float], float], h: float, before: float, after: flo
     best = int(np.argmax(values))
     if values[best] <= 0:
         return 0.0
-    low = float(samples[best])
-    return low + locate_zero(lambda s: gap(low + s), h - low, float(values[best]), after)
+    return _entry(gap, float(samples[best]), h)
+
+
+def _entry(gap: Callable[[float], float], start: float, end: float) -> float:
+    """Where a gap that is negative at `end` falls through 0 after `start`."""
+    above, below = gap(start), gap(end)
+    if above <= 0:
+        return start
+    return start + locate_zero(lambda step: gap(start + step), end - start, above, below)
 
 
 def edge_ends(

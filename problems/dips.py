@@ -1,0 +1,139 @@
+"""Corners that are outside a part at both ends of a step, and were inside in between.
+
+A corner can cut off the tip of a part within one step.  Afterwards the edges of the two bodies
+cross, with no corner of either inside the other, and no corner would ever tell.
+
+A stretch of the path is free of dips where a single edge keeps the corner out all along it:
+φ_e at its two ends is not below the curvature of φ_e over it, C s²/8 for a stretch of length s.
+Other stretches are halved, the earlier half first, until a point inside the part turns up or all
+are free.  With c the corner and a, b its body and the part's,
+
+    C = |c̈ − ẍ_b| + 2 |ω_b| |ċ − ẋ_b| + (ω_b² + |α_b|) |c − x_b|
+
+at its largest on the whole path, on which accelerations are constant (3.1a).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from problems.compiled import kernel
+from problems.contacts import Geometry
+from problems.multistep import Path
+from problems.qp import Indices, Vector
+
+SHALLOW = 1e-9
+"""Depth of a dip that is let pass [m]."""
+MAX_HALVINGS = 50
+
+
+def dips(
+    geometry: Geometry, path: Path, h: float, corner: Indices, part: Indices, floor: Vector
+) -> tuple[Vector, Vector]:
+    """Stretches (start, end) of the path within h at whose end a corner is below its floor, (N,).
+
+    floor : (N,) clearance that counts as 0, not above the clearance at either end of the path [m]
+
+    Both are inf where there is no dip.
+    """
+    return _dips(
+        *(path.start, path.velocity, path.curvature, h, corner, part, floor),
+        *(geometry.corner_body, geometry.corner_local, geometry.part_body),
+        *(geometry.edge_normal, geometry.edge_offset),
+    )
+
+
+@kernel
+def _edge_distances(q, velocity, curvature, h, a, b, local, normal, offset, phi):
+    """φ of a corner against every edge of a part at q + h (velocity + h curvature), into phi."""
+    place = np.zeros((2, 3))
+    for side in range(2):
+        body = a if side == 0 else b
+        if body >= 0:
+            for j in range(3):
+                i = 3 * body + j
+                place[side, j] = q[i] + h * (velocity[i] + h * curvature[i])
+    c, s = np.cos(place[0, 2]), np.sin(place[0, 2])
+    x = place[0, 0] + c * local[0] - s * local[1] - place[1, 0]
+    y = place[0, 1] + s * local[0] + c * local[1] - place[1, 1]
+    c, s = np.cos(place[1, 2]), np.sin(place[1, 2])
+    local_x, local_y = c * x + s * y, c * y - s * x
+    for e in range(offset.size):
+        phi[e] = normal[e, 0] * local_x + normal[e, 1] * local_y - offset[e]
+
+
+@kernel
+def _curvature_bound(q, velocity, curvature, h, a, b, radius):
+    """C of the module's head for one corner, at `radius` from the centre of its body a."""
+    speed, distance, spin_a, spin_b = 0.0, 0.0, 0.0, 0.0
+    bend = np.zeros(3)
+    for end in range(2):
+        step = h * end
+        apart, relative = np.zeros(2), np.zeros(2)
+        for sign, body in ((1.0, a), (-1.0, b)):
+            if body < 0:
+                continue
+            i = 3 * body
+            for j in range(2):
+                apart[j] += sign * (q[i + j] + step * (velocity[i + j] + step * curvature[i + j]))
+                relative[j] += sign * (velocity[i + j] + 2 * step * curvature[i + j])
+                if end == 0:
+                    bend[j] += sign * 2 * curvature[i + j]
+            spin = abs(velocity[i + 2] + 2 * step * curvature[i + 2])
+            if sign > 0:
+                spin_a = max(spin_a, spin)
+            else:
+                spin_b = max(spin_b, spin)
+        distance = max(distance, np.hypot(apart[0], apart[1]) + radius)
+        speed = max(speed, np.hypot(relative[0], relative[1]))
+    speed += spin_a * radius
+    turn_a = 2 * abs(curvature[3 * a + 2])
+    turn_b = 2 * abs(curvature[3 * b + 2]) if b >= 0 else 0.0
+    acceleration = np.hypot(bend[0], bend[1]) + (turn_a + spin_a * spin_a) * radius
+    # the distance is largest inside the stretch at most by what the speed can add
+    far = distance + speed * h
+    return acceleration + 2 * spin_b * speed + (spin_b * spin_b + turn_b) * far
+
+
+@kernel
+def _dips(
+    q, velocity, curvature, h, corner, part, floor, corner_body, local, part_body, normal, offset
+):
+    count, edges = corner.size, offset.shape[1]
+    starts, ends = np.full(count, np.inf), np.full(count, np.inf)
+    phi = np.empty((MAX_HALVINGS + 2, edges))
+    right = np.empty(MAX_HALVINGS + 2)
+    left = np.empty(edges)
+    for i in range(count):
+        p, c = part[i], corner[i]
+        a, b = corner_body[c], part_body[p]
+        radius = np.hypot(local[c, 0], local[c, 1])
+        bend = _curvature_bound(q, velocity, curvature, h, a, b, radius)
+        level = floor[i] - SHALLOW
+        start, top = 0.0, 0
+        right[0] = h
+        _edge_distances(q, velocity, curvature, 0.0, a, b, local[c], normal[p], offset[p], left)
+        _edge_distances(q, velocity, curvature, h, a, b, local[c], normal[p], offset[p], phi[0])
+        while top >= 0:
+            length = right[top] - start
+            sag = bend * length * length / 8
+            free = False
+            for e in range(edges):
+                if min(left[e], phi[top, e]) - sag >= level:
+                    free = True
+                    break
+            if free or top == MAX_HALVINGS:
+                start = right[top]
+                left[:] = phi[top]
+                top -= 1
+                continue
+            middle = start + length / 2
+            top += 1
+            right[top] = middle
+            _edge_distances(
+                q, velocity, curvature, middle, a, b, local[c], normal[p], offset[p], phi[top]
+            )
+            if phi[top].max() < level:
+                starts[i], ends[i] = start, middle
+                break
+    return starts, ends
