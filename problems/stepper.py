@@ -8,8 +8,9 @@ One step from t_{n−1} to t_n (Lötstedt 1984, §3.1, with the additions of §4
        (ii) a jump in q̈: a force that jumps, a corner that slides off its support, slip → stick.
        The earliest is located at t_*, the step is redone with h_* = t_* − t_{n−1}, and the
        integration restarts there with two first-order steps
-    4. contacts with λ = 0 that separate faster than `drop_tol` leave J_N; sticking contacts at
-       their bound that slip faster than ε become sliding ones.  Neither restarts
+    4. contacts that separate faster than `drop_tol`, whose λ is 0 by complementarity, leave J_N;
+       sticking contacts at their bound that slip faster than ε become sliding ones.  Neither
+       restarts
 
 This differs from the paper, because the text leaves it open or the rule fails as printed:
  1. contacts are found, inserted and removed automatically; a contact whose corner leaves its edge
@@ -427,7 +428,7 @@ class Stepper:
             self._restart(1)
         if stopped or losses:
             return
-        self._drop_separating(step.assembly, step.v, step.lam_N)
+        self._drop_separating(step.assembly, step.v)
         for friction, speed, bound in zip(
             step.assembly.frictions, step.slip_speed, step.at_bound, strict=True
         ):
@@ -563,6 +564,7 @@ class Stepper:
         self._log("jam", "; ".join(caught))
         self._restart(0)
 
+<<<<<<< HEAD
     def _watch_gain(self, step: VelocityStep, signs: Vector) -> None:
         """Report a friction gain γ ≥ 1, once per episode."""
         found = self.gain_watch.look(step, signs)
@@ -576,6 +578,15 @@ class Stepper:
         for i, normal in enumerate(assembly.normals):
             idle = lam_N is None or lam_N[i] <= 0
             if idle and speed[i] > self.options.drop_tol and normal.row_id in self.graph.normals:
+=======
+    def _drop_separating(self, assembly: Assembly, v: Vector) -> None:
+        """Step 4: contacts with g_Nᵀq̇ > drop_tol leave J_N.
+
+        λ is not looked at: an interior-point method's is never exactly 0.
+        """
+        for normal, speed in zip(assembly.normals, assembly.gap_speed(v), strict=True):
+            if speed > self.options.drop_tol and normal.row_id in self.graph.normals:
+>>>>>>> 8053dbe (Drop contacts by their speed alone)
                 self._log("drop", self._place_name(normal.place))
                 self.graph.remove(normal, self._clearance(normal))
 

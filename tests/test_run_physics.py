@@ -111,25 +111,25 @@ def sloppy_run(noise: str, setting: str) -> Run:
 
 def test_forces_too_small_approach_and_forces_too_large_pump() -> None:
     """A standing box: ‖A δλ‖ = tol changes g_Nᵀq̇ by (h/α₀) tol, the work by λ times that."""
-    less, more = (signorini(sloppy_run(noise, "1000x")) for noise in ("less", "more"))
+    less, more = (signorini(sloppy_run(noise, "300x")) for noise in ("less", "more"))
     assert less["approach"] > 1e-4
     assert less["pumped"] == 0.0
     assert more["approach"] == 0.0
     assert more["pumped"] > 1e-4
-    lifted = energy(sloppy_run("more", "1000x"))
+    lifted = energy(sloppy_run("more", "300x"))
     # all that the box has gained was pumped in
     assert lifted["gained_at_steps"] == pytest.approx(more["pumped"], rel=0.5)
-    assert sloppy_run("less", "1000x").gaps.min() < -1e-5
+    assert sloppy_run("less", "300x").gaps.min() < -1e-5
 
 
-def test_a_contact_that_is_never_without_force_pushes_from_afar() -> None:
-    """Boxes of fig2 part at 0.39 s; where no multiplier is ever 0 that contact is kept."""
+def test_a_contact_that_is_never_without_force_is_dropped_all_the_same() -> None:
+    """Boxes of fig2 part at 0.39 s, whether or not a multiplier is ever exactly 0."""
     exact, inside = (
         reach(simulate(scene("fig2"), InLoop(*solver), until=0.8))
         for solver in (("lotstedt", "paper"), ("sloppy[inside]", "1e-4x"))
     )
     assert 0 < exact < 1e-3
-    assert inside > 10 * exact
+    assert inside == pytest.approx(exact, abs=1e-9)
 
 
 def test_reach_is_the_distance_of_the_corner_from_its_edge() -> None:
