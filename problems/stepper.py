@@ -442,8 +442,7 @@ class Stepper:
         self._standstill = 0
         assembly = Assembly(self.graph, self.q)
         self._check_constraints(assembly)
-        lam_N = np.array([normal.lam for normal in assembly.normals])
-        self._drop_separating(assembly, self.history.v, lam_N)
+        self._drop_separating(assembly, self.history.v)
         self._watch_rest()
 
     def _standing_event(self, hits: list[Hit], losses: list[SlideOff]) -> None:
@@ -564,7 +563,6 @@ class Stepper:
         self._log("jam", "; ".join(caught))
         self._restart(0)
 
-<<<<<<< HEAD
     def _watch_gain(self, step: VelocityStep, signs: Vector) -> None:
         """Report a friction gain γ ≥ 1, once per episode."""
         found = self.gain_watch.look(step, signs)
@@ -572,13 +570,6 @@ class Stepper:
             gain, normal = found
             self._log("gain", f"{self._contact_name(normal.contact)}: γ = {gain:.3g}")
 
-    def _drop_separating(self, assembly: Assembly, v: Vector, lam_N: Vector | None = None) -> None:
-        """Step 4: contacts with λ = 0 and g_Nᵀq̇ > drop_tol leave J_N."""
-        speed = assembly.gap_speed(v)
-        for i, normal in enumerate(assembly.normals):
-            idle = lam_N is None or lam_N[i] <= 0
-            if idle and speed[i] > self.options.drop_tol and normal.row_id in self.graph.normals:
-=======
     def _drop_separating(self, assembly: Assembly, v: Vector) -> None:
         """Step 4: contacts with g_Nᵀq̇ > drop_tol leave J_N.
 
@@ -586,7 +577,6 @@ class Stepper:
         """
         for normal, speed in zip(assembly.normals, assembly.gap_speed(v), strict=True):
             if speed > self.options.drop_tol and normal.row_id in self.graph.normals:
->>>>>>> 8053dbe (Drop contacts by their speed alone)
                 self._log("drop", self._place_name(normal.place))
                 self.graph.remove(normal, self._clearance(normal))
 
