@@ -3,8 +3,8 @@
 Between events a step is always the same: AB-r, columns, one QP, BDF-r, the length of the next.  A
 solver whose QPs are solved in compiled code may offer `take_quiet_steps`, a loop over such steps
 that ends where the stepper is needed.  What it does is what `Stepper.advance` does, up to rounding;
-here is what both must agree on.  It is for runs whose QPs are not kept, without active friction and
-with forces that are constant between their jumps.
+here is what both must agree on.  It is for runs whose QPs are not kept, with forces that are
+constant between their jumps.
 """
 
 from __future__ import annotations
@@ -14,7 +14,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from problems import constraint_graph, events, multistep
+from problems import (
+    constraint_graph,
+    events,
+    friction_passes,
+    minimum_norm,
+    multistep,
+    velocity,
+)
 from problems.constraint_graph import ActiveSet
 from problems.contacts import Geometry
 from problems.qp import Indices, Solution, Vector
@@ -32,9 +39,10 @@ TIME, H, WISH = range(3)
 # … and what the stepper is set to
 EPS, DROP_TOL, H_MAX, FIXED, REST_SPEED, SHORTEST, UNTIL, REACH = range(3, 11)
 GROWTH, SAFETY, ROUNDING, FORGET, END_SLACK, CONTACT_TOL = range(11, 17)
+AT_BOUND, FIRST_RATE, SAFE_FRACTION = range(17, 20)
 # entries of `QuietSteps.counts`: steps since the last restart, steps taken, QPs solved, highest
-# order, and whether the candidates have to be listed anew
-STEPS, TAKEN, SOLVES, HIGHEST, STALE = range(5)
+# order, whether the candidates have to be listed anew, time points with λ, corrected friction
+STEPS, TAKEN, SOLVES, HIGHEST, STALE, KNOWN, CORRECTED = range(7)
 
 
 class Shapes(NamedTuple):
@@ -56,16 +64,20 @@ class Shapes(NamedTuple):
 
 
 class QuietSteps(NamedTuple):
-    """What steps are taken with, and what they leave behind; for n bodies and N active normals.
+    """What steps are taken with, and what they leave behind.
+
+    For n bodies, N active normals, F frictions, and QPs of k columns.
 
     D : (3n,);  forces : (3n,) f;  eps0 : the accuracy asked of a QP (3.13)
-    place : (N, 3) corner, part, edge;  row_id : (N,);  lower, upper : (N,) 0 and ∞;
-        these three read only
+    place : (N, 3) corner, part, edge;  friction_of : (N,);  first, mu : (F,), see `ActiveSet`
+    signs : (F,) s of those that slide, 0 of those that stick;  sticking : indices of the latter
+    order : (k,) the columns among [normals, sticking];  row_id : (k,), read only
+    lam, lam_before : (N,) λ_N at the last two time points, updated
     corner, part, level : (C,) the candidates;  levels sink and are forgotten
     listed_at : (3n,) where the candidates were listed
     state, reals, counts : see the names above, updated
     track : (MOST, 1 + 6n) t, q, q̇ of every step;  gaps : (MOST,) min φ [m]
-    multipliers : (MOST, N) λ
+    multipliers : (MOST, N + F) λ
     """
 
     shapes: Shapes
@@ -73,9 +85,15 @@ class QuietSteps(NamedTuple):
     forces: Vector
     eps0: float
     place: Indices
+    friction_of: Indices
+    first: Indices
+    mu: Vector
+    signs: Vector
+    sticking: Indices
+    order: Indices
     row_id: Indices
-    lower: Vector
-    upper: Vector
+    lam: Vector
+    lam_before: Vector
     corner: Indices
     part: Indices
     level: Vector
@@ -115,10 +133,7 @@ def take_quiet_steps(stepper: Stepper, solver: TakesQuietSteps, end: float) -> b
 
     The stepper is left as it is after the last of them, before step 4.
     """
-    active = stepper.graph.active_set()
-    if active.frictions:
-        return False
-    taken = 0
+    active, taken = stepper.graph.active_set(), 0
     while True:
         run = _prepare(stepper, active, end)
         solution = solver.take_quiet_steps(run, stepper.qps.start())
@@ -141,17 +156,27 @@ def _prepare(stepper: Stepper, active: ActiveSet, end: float) -> QuietSteps:
     state[[Q, V, V_BEFORE]] = stepper.q, history.v, history.v_before
     for row, a in zip((A, A_BEFORE), history.a, strict=False):
         state[row] = a
-    count = len(active.normals)
+    signs = np.array([friction.sign for friction in active.frictions], dtype=np.float64)
+    sticking = np.flatnonzero(signs == 0)
+    ids = np.concatenate([active.normal_ids, active.friction_ids[sticking]])
+    order = np.argsort(ids, kind="stable")
+    corrected = options.friction == "corrected" and signs.size > 0
     return QuietSteps(
         shapes=stepper.shapes,
         D=stepper.D,
         # constant on the way, but one may begin or end at t itself
         forces=stepper.force(stepper.q, history.v, 0.5 * (stepper.t + until)),
-        eps0=0.1 * options.eps,
+        eps0=(0.01 if corrected else 0.1) * options.eps,
         place=active.place,
-        row_id=read_only(active.normal_ids),
-        lower=read_only(np.zeros(count)),
-        upper=read_only(np.full(count, np.inf)),
+        friction_of=active.friction_of,
+        first=active.first,
+        mu=active.mu,
+        signs=signs,
+        sticking=sticking,
+        order=order,
+        row_id=read_only(ids[order]),
+        lam=np.array([normal.lam for normal in active.normals]),
+        lam_before=np.array([normal.lam_before for normal in active.normals]),
         corner=corner,
         part=part,
         level=graph.levels(corner, part),
@@ -164,12 +189,15 @@ def _prepare(stepper: Stepper, active: ActiveSet, end: float) -> QuietSteps:
                 *(options.rest_speed, multistep.SHORTEST_STEP, until, reach),
                 *(multistep.GROWTH, multistep.SAFETY, constraint_graph.ROUNDING),
                 *(constraint_graph.FORGET_LEVEL, events.END_SLACK, graph.geometry.contact_tol),
+                *(friction_passes.AT_BOUND, velocity.FIRST_RATE, minimum_norm.SAFE_FRACTION),
             ]
         ),
-        counts=np.array([history.steps, 0, 0, history.highest, 0]),
+        counts=np.array(
+            [history.steps, 0, 0, history.highest, 0, stepper.lam_known, int(corrected)]
+        ),
         track=np.empty((MOST, 1 + 2 * stepper.q.size)),
         gaps=np.empty(MOST),
-        multipliers=np.empty((MOST, count)),
+        multipliers=np.empty((MOST, len(active.normals) + signs.size)),
     )
 
 
@@ -177,11 +205,12 @@ def _follow(stepper: Stepper, run: QuietSteps, active: ActiveSet, taken: int) ->
     """Bring the stepper to where the run has come."""
     m = stepper.q.size
     multipliers = run.multipliers[:taken]
-    for normal, lam in zip(active.normals, multipliers.T, strict=True):
-        normal.lam_before = float(lam[-2]) if taken > 1 else normal.lam
-        normal.lam = float(lam[-1])
+    for normal, lam, before in zip(
+        active.normals, run.lam.tolist(), run.lam_before.tolist(), strict=True
+    ):
+        normal.lam, normal.lam_before = lam, before
     stepper.graph.set_levels(run.corner, run.part, run.level)
-    ids = active.normal_ids.tolist()
+    ids = [*active.normal_ids.tolist(), *active.friction_ids.tolist()]
     for row, lam, gap in zip(run.track, multipliers.tolist(), run.gaps.tolist(), strict=False):
         multiplier = dict(zip(ids, lam, strict=True))
         stepper.states.append((row[0], row[1 : 1 + m], row[1 + m :], multiplier, gap))
@@ -190,5 +219,5 @@ def _follow(stepper: Stepper, run: QuietSteps, active: ActiveSet, taken: int) ->
     steps = int(run.counts[STEPS])
     a = [run.state[A], run.state[A_BEFORE]][:steps]
     stepper.history.resume(run.state[V], run.state[V_BEFORE], a, h, steps)
-    stepper.lam_known = min(stepper.lam_known + taken, stepper.history.steps, 2)
+    stepper.lam_known = int(run.counts[KNOWN])
     stepper.counts["steps"] += taken

@@ -28,7 +28,9 @@ def both(name: str, parameters: dict, **options):
         ("fig4", {}, 1.5),
         ("fig5", {}, 1.0),
         ("tower", {"bodies": 10}, 0.5),
+        ("tower", {"bodies": 6, "mu": 0.5}, 0.5),
         ("wall", {"bodies": 12}, 0.3),
+        ("wall", {"bodies": 7, "mu": 0.3}, 0.2),
         ("heap", {"bodies": 6}, 0.5),
     ],
 )
@@ -46,9 +48,18 @@ def test_quiet_steps_are_those_of_the_stepper(name, parameters, until):
     assert (left.qps, left.solutions) == ([], [])
 
 
-@pytest.mark.parametrize("options", [{"fixed_step": 1e-3}, {"order": 1}, {"eps": 1e-5}])
-def test_quiet_steps_obey_the_options(options):
-    kept, left = both("fig2", {}, until=0.5, **options)
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("fig2", {"fixed_step": 1e-3}),
+        ("fig2", {"order": 1}),
+        ("fig2", {"eps": 1e-5}),
+        ("fig4", {"friction": "paper", "eps": 3e-4}),
+        ("fig4", {"impulses": "newton_coulomb"}),
+    ],
+)
+def test_quiet_steps_obey_the_options(name, options):
+    kept, left = both(name, {}, until=0.5, **options)
     assert left.counts == kept.counts
     np.testing.assert_allclose(left.q, kept.q, rtol=0, atol=SAME)
 

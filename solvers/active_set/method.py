@@ -312,10 +312,11 @@ class Lotstedt(Solver):
             if type(room) is not Workspace or room.n < k or room.n < m:
                 before = Start(start.x, start.working_set, start.row_id, False, start.memory)
                 room = dense_room(m, k, before)
-        A, d = np.zeros((m, k)), np.zeros(m)
+        written = np.zeros((m, k)), np.zeros(m), np.zeros(k), np.zeros(k)
+        posed = tuple(read_only(array) for array in written)
         asked = run.eps0 if self.accuracy is None else self.accuracy
         eps0 = -1.0 if asked == "default" else float(asked)
-        quiet_steps(run, A, read_only(A), d, read_only(d), room.S, room.I, eps0, mode)
+        quiet_steps(run, written, posed, room.S, room.I, eps0, mode)
         if not run.counts[SOLVES] and not run.counts[TAKEN]:
             return None
         return Solution(

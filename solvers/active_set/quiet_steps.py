@@ -4,8 +4,7 @@ Between events a step is always the same: AB-r, columns, one QP, BDF-r, the leng
 Taken one by one from Python each costs a hundred times what its arithmetic does.  Here they are
 taken until something calls for the stepper (`problems.quiet`): a corner that crosses an edge or
 leaves one, a contact that separates, a scheduled time, bodies that are still, a QP that is not
-solved.  Without friction and with forces that are constant in the meantime; that is what `Stepper`
-does otherwise, up to rounding.
+solved, redundant contacts with friction, friction that wants another pass, slips or stops.
 """
 
 from __future__ import annotations
@@ -17,18 +16,23 @@ import numpy as np
 from problems.contact_kernels import clearances, column_speeds, contact_columns, place_corners
 from problems.quiet import (
     A_BEFORE,
+    AT_BOUND,
     CONTACT_TOL,
+    CORRECTED,
     DROP_TOL,
     END_SLACK,
     EPS,
+    FIRST_RATE,
     FIXED,
     FORGET,
     GROWTH,
     H_MAX,
     HIGHEST,
+    KNOWN,
     REACH,
     REST_SPEED,
     ROUNDING,
+    SAFE_FRACTION,
     SAFETY,
     SHORTEST,
     SOLVES,
@@ -96,26 +100,128 @@ def covered(i, corner, part, corner_part, place, corners, tolerance):
 
 
 @kernel
-def quiet_steps(run, columns, A_posed, d, d_posed, S, I, eps0, mode):
+def friction_bounds(friction_of, mu, lam_N, bound):
+    """bound := μ Σ λ_N of each friction (F,)."""
+    bound[:] = 0.0
+    for i in range(friction_of.size):
+        if friction_of[i] >= 0:
+            bound[friction_of[i]] += lam_N[i]
+    for j in range(mu.size):
+        bound[j] *= mu[j]
+
+
+@kernel
+def surely_independent(A, fraction):
+    """Whether AᵀA − τ²I has Cholesky factors, see `problems.minimum_norm.surely_independent`."""
+    m, k = A.shape
+    if k > m:
+        return False
+    L, trace = np.empty((k, k)), 0.0
+    for i in range(k):
+        for j in range(i + 1):
+            total = 0.0
+            for e in range(m):
+                total += A[e, i] * A[e, j]
+            L[i, j] = total
+        trace += L[i, i]
+    for i in range(k):
+        for j in range(i + 1):
+            value = L[i, j] - (fraction**2 * trace if i == j else 0.0)
+            for e in range(j):
+                value -= L[i, e] * L[j, e]
+            if i > j:
+                L[i, j] = value / L[j, j]
+            elif value > 0.0:
+                L[i, i] = sqrt(value)
+            else:
+                return False
+    return True
+
+
+@kernel
+def fill(columns, order, g_N, g_F, first, sticking, bodies, D):
+    """A = D⁻ᵀ[G_N, G_F] in the order of the QP's columns; `columns` holds zeros or the last A."""
+    N = g_N.shape[0]
+    for c in range(order.size):
+        normal = order[c] < N
+        j = order[c] if normal else first[sticking[order[c] - N]]
+        for side in range(2):
+            b = bodies[j, side]
+            if b >= 0:
+                for e in range(3):
+                    entry = g_N[j, 3 * side + e] if normal else g_F[j, 3 * side + e]
+                    columns[3 * b + e, c] = entry / D[3 * b + e]
+
+
+@kernel
+def settled(run, lam_N, lam_F, bound, new_bound, g_F, bodies, weight, force):
+    """Whether another pass would not change q̇ by more than (3.14) allows; `force` is scratch.
+
+    False also where a sticking contact is at its bound, because it may begin to slide.
+    """
+    eps = run.reals[EPS]
+    for j in range(run.mu.size):
+        stuck = abs(lam_F[j])
+        if run.signs[j] == 0.0 and stuck >= bound[j] * (1 - run.reals[AT_BOUND]):
+            return False
+    if not run.counts[CORRECTED]:
+        return True
+    friction_bounds(run.friction_of, run.mu, lam_N, new_bound)
+    force[:] = 0.0
+    for j in range(run.mu.size):
+        moved = run.signs[j] * (new_bound[j] - bound[j])
+        if run.signs[j] == 0.0:
+            moved = min(0.0, new_bound[j] - abs(lam_F[j]))
+        for side in range(2):
+            b = bodies[run.first[j], side]
+            if b >= 0:
+                for e in range(3):
+                    force[3 * b + e] += g_F[run.first[j], 3 * side + e] * moved
+    total = 0.0
+    for i in range(force.size):
+        total += (force[i] / run.D[i]) ** 2
+    change = weight * sqrt(total)
+    rate = run.reals[FIRST_RATE]
+    return (rate * change + weight * run.eps0) / (1 - rate) <= 0.1 * eps
+
+
+@kernel
+def quiet_steps(run, written, posed, S, I, eps0, mode):
     """Take steps until something happens or `track` is full; `counts[TAKEN]` of them.
 
     run : `problems.quiet.QuietSteps`, whose arrays are updated
-    columns, d : (3n, N) zeros and (3n,), written to;  A_posed, d_posed : the same memory, read only
+    written : zeros (3n, k), (3n,), (k,), (k,) for A, d and the bounds of the QP
+    posed : the same memory, read only
     S, I, eps0, mode : see `algorithm_2`
     """
-    shapes, D, f, place = run.shapes, run.D, run.forces, run.place
+    shapes, D, f, place, first = run.shapes, run.D, run.forces, run.place, run.first
     corner, part, level = run.corner, run.part, run.level
     state, reals, counts = run.state, run.reals, run.counts
     edges = shapes.part_body, shapes.edge_normal, shapes.edge_offset
-    m, k = D.size, place.shape[0]
+    A_written, d, lower, upper = written
+    A_posed, d_posed, lower_posed, upper_posed = posed
+    m, k, N, F = D.size, run.order.size, place.shape[0], run.mu.size
     q, v, a, r = np.empty(m), np.empty(m), np.empty(m), np.empty(m)
-    before = np.empty(corner.size)
-    known = False
+    before, slip = np.empty(corner.size), np.zeros(F)
+    lam_N, lam_F, bound, new_bound = np.zeros(N), np.zeros(F), np.zeros(F), np.zeros(F)
+    q[:] = state[Q]
+    v[:] = state[V]
+    pose = place_corners(q, shapes.corner_body, shapes.corner_local)
+    before[:] = clearances(*pose, corner, part, *edges)
+    if F > 0:
+        _, _, _, g_F, bodies, _ = contact_columns(
+            *pose, place, shapes.corner_body, *edges, shapes.edge_start
+        )
+        speed = column_speeds(g_F, bodies, v)
+        for j in range(F):
+            slip[j] = speed[first[j]]
+            if run.signs[j] * slip[j] > 0.0:
+                return
     while counts[TAKEN] < run.gaps.size:
         steps = counts[STEPS]
         order = 1 if steps < 2 else counts[HIGHEST]
         h = next_length(state, reals, steps, order, D)
-        if reals[TIME] + h >= reals[UNTIL]:
+        if reals[TIME] + h >= reals[UNTIL] or (F > 0 and counts[KNOWN] == 0):
             return
         for i in range(m):  # (3.1a)
             bend = (state[V, i] - state[V_BEFORE, i]) / (2 * reals[H]) if order == 2 else 0.0
@@ -123,62 +229,85 @@ def quiet_steps(run, columns, A_posed, d, d_posed, S, I, eps0, mode):
         if not largest_motion(run.listed_at, q, shapes.radius) <= reals[REACH]:
             counts[STALE] = min(counts[TAKEN], 1)
             return
-        corners, centres, cosine, sine = place_corners(q, shapes.corner_body, shapes.corner_local)
-        pose = corners, centres, cosine, sine
-        if not known:
-            for i in range(m):
-                v[i] = state[Q, i]
-            start = place_corners(v, shapes.corner_body, shapes.corner_local)
-            before[:] = clearances(*start, corner, part, *edges)
-            known = True
+        pose = place_corners(q, shapes.corner_body, shapes.corner_local)
         after = clearances(*pose, corner, part, *edges)
         for i in range(corner.size):
             least = min(0.0, before[i] - level[i]) - reals[ROUNDING]
             if after[i] - level[i] < least and not covered(
-                i, corner, part, shapes.corner_part, place, corners, reals[CONTACT_TOL]
+                i, corner, part, shapes.corner_part, place, pose[0], reals[CONTACT_TOL]
             ):
                 return
-        phi, along, g_N, _, bodies, _ = contact_columns(
+        phi, along, g_N, g_F, bodies, _ = contact_columns(
             *pose, place, shapes.corner_body, *edges, shapes.edge_start
         )
-        for j in range(k):
+        for j in range(N):
             length = shapes.edge_length[place[j, 1], place[j, 2]]
             slack = reals[END_SLACK] * length
             if along[j] < -slack or along[j] > length + slack:
                 return
-        alpha0 = 1.0
-        w = h / reals[H] if order == 2 else 0.0
-        if order == 2:
-            alpha0 = (1 + 2 * w) / (1 + w)
+        w = h / reals[H] if reals[H] > 0.0 else 1.0
+        alpha0 = (1 + 2 * w) / (1 + w) if order == 2 else 1.0
         for i in range(m):  # (3.1b)
             b = state[V, i]
             if order == 2:
                 b = (1 + w) * b - w * w / (1 + w) * state[V_BEFORE, i]
             a[i] = b
-            r[i] = d[i] = D[i] * (f[i] / (D[i] * D[i]) + b / h)
-        if k > 0:  # (3.2)
-            columns[:] = 0.0
-            for j in range(k):
+            r[i] = f[i]
+        if F > 0:  # (4.2), (4.3)
+            for j in range(N):
+                change = run.lam[j] - run.lam_before[j] if counts[KNOWN] > 1 else 0.0
+                lam_N[j] = max(0.0, run.lam[j] + w * change)
+            friction_bounds(run.friction_of, run.mu, lam_N, bound)
+            for j in range(F):
+                lam_F[j] = run.signs[j] * bound[j]
                 for side in range(2):
-                    b = bodies[j, side]
-                    if b >= 0:
+                    b = bodies[first[j], side]
+                    if b >= 0 and lam_F[j] != 0.0:
                         for e in range(3):
-                            columns[3 * b + e, j] = g_N[j, 3 * side + e] / D[3 * b + e]
-            algorithm_2(A_posed, d_posed, run.lower, run.upper, run.row_id, S, I, eps0, mode)
+                            r[3 * b + e] += g_F[first[j], 3 * side + e] * lam_F[j]
+        for i in range(m):
+            r[i] = d[i] = r[i] / D[i] + D[i] * a[i] / h
+        if k > 0:  # (3.2), (4.6)
+            fill(A_written, run.order, g_N, g_F, first, run.sticking, bodies, D)
+            if F > 0 and not surely_independent(A_written, reals[SAFE_FRACTION]):
+                return
+            for c in range(k):
+                j = run.order[c] - N
+                lower[c] = -bound[run.sticking[j]] if j >= 0 else 0.0
+                upper[c] = bound[run.sticking[j]] if j >= 0 else inf
+            algorithm_2(A_posed, d_posed, lower_posed, upper_posed, run.row_id, S, I, eps0, mode)
             mode |= WARM
             counts[SOLVES] += 1
             if I[COUNTS, STATUS] != SOLVED:
                 return
+            for c in range(k):
+                j = run.order[c]
+                if j < N:
+                    lam_N[j] = S[X, c]
+                else:
+                    lam_F[run.sticking[j - N]] = S[X, c]
             for i in range(m):
-                for j in range(k):
-                    r[i] += columns[i, j] * S[X, j]
+                for c in range(k):
+                    r[i] += A_written[i, c] * S[X, c]
+        weight = h / alpha0
+        if F > 0 and not settled(run, lam_N, lam_F, bound, new_bound, g_F, bodies, weight, v):
+            return
         size = 0.0
         for i in range(m):
-            v[i] = h / alpha0 * r[i] / D[i]
+            v[i] = weight * r[i] / D[i]
             a[i] = (alpha0 * v[i] - a[i]) / h
             size += (D[i] * a[i]) ** 2
         if steps == 0 and reals[FIXED] <= 0.0 and h * sqrt(size) > 2 * reals[EPS]:
             return
+        if F > 0:
+            speed = column_speeds(g_F, bodies, v)
+            for j in range(F):
+                new = speed[first[j]]
+                slides = run.signs[j] != 0.0
+                if slides and (slip[j] * new < 0.0 or abs(new) <= 0.01 * reals[EPS]):
+                    return
+            for j in range(F):
+                slip[j] = speed[first[j]]
         # accepted
         for i in range(m):
             state[Q, i] = q[i]
@@ -193,17 +322,20 @@ def quiet_steps(run, columns, A_posed, d, d_posed, S, I, eps0, mode):
             elif after[i] < level[i] - reals[ROUNDING]:
                 level[i] = after[i]
         n = counts[TAKEN]
-        track = run.track[n]
-        track[0] = reals[TIME]
-        least_gap = inf
-        for i in range(m):
-            track[1 + i], track[1 + m + i] = q[i], v[i]
-        for j in range(k):
-            run.multipliers[n, j] = S[X, j]
-            least_gap = min(least_gap, phi[j])
-        run.gaps[n] = least_gap
         counts[TAKEN] += 1
         counts[STEPS] += 1
+        counts[KNOWN] = min(counts[KNOWN] + 1, counts[STEPS], 2)
+        track = run.track[n]
+        track[0] = reals[TIME]
+        for i in range(m):
+            track[1 + i], track[1 + m + i] = q[i], v[i]
+        run.gaps[n] = inf
+        for j in range(N):
+            run.lam_before[j], run.lam[j] = run.lam[j], lam_N[j]
+            run.multipliers[n, j] = lam_N[j]
+            run.gaps[n] = min(run.gaps[n], phi[j])
+        for j in range(F):
+            run.multipliers[n, N + j] = lam_F[j]
         fastest = 0.0
         for b in range(m // 3):
             total = 0.0
@@ -213,6 +345,6 @@ def quiet_steps(run, columns, A_posed, d, d_posed, S, I, eps0, mode):
         if sqrt(fastest) <= reals[REST_SPEED]:
             return
         speed = column_speeds(g_N, bodies, v)
-        for j in range(k):
+        for j in range(N):
             if speed[j] > reals[DROP_TOL] or speed[j] < -10 * reals[EPS]:
                 return
