@@ -36,7 +36,7 @@ def dips(
 
     Both are inf where there is no dip.
     """
-    return _dips(
+    return find_dips(
         *(path.start, path.velocity, path.curvature, h, corner, part, floor),
         *(geometry.corner_body, geometry.corner_local, geometry.part_body),
         *(geometry.edge_normal, geometry.edge_offset),
@@ -96,9 +96,10 @@ def _curvature_bound(q, velocity, curvature, h, a, b, radius):
 
 
 @kernel
-def _dips(
+def find_dips(
     q, velocity, curvature, h, corner, part, floor, corner_body, local, part_body, normal, offset
 ):
+    """The same as `dips` from arrays: those of a path, and those of a geometry."""
     count, edges = corner.size, offset.shape[1]
     starts, ends = np.full(count, np.inf), np.full(count, np.inf)
     phi = np.empty((MAX_HALVINGS + 2, edges))

@@ -30,6 +30,7 @@ SOURCES = (
     "quiet_steps.py",
     "../../problems/quiet.py",
     "../../problems/contact_kernels.py",
+    "../../problems/dips.py",
 )
 FAST_MATH = frozenset({"reassoc", "contract", "nsz"})
 """Sums may be regrouped for vector instructions; NaN and infinity keep their meaning."""

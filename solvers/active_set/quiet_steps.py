@@ -14,6 +14,7 @@ from math import hypot, inf, sqrt
 import numpy as np
 
 from problems.contact_kernels import clearances, column_speeds, contact_columns, place_corners
+from problems.dips import find_dips
 from problems.quiet import (
     A_BEFORE,
     AT_BOUND,
@@ -171,7 +172,7 @@ def settled(run, lam_N, lam_F, bound, new_bound, g_F, bodies, weight, force):
     for j in range(run.mu.size):
         moved = run.signs[j] * (new_bound[j] - bound[j])
         if run.signs[j] == 0.0:
-            moved = min(0.0, new_bound[j] - abs(lam_F[j]))
+            moved = min(0.0, new_bound[j] - abs(lam_F[j])) * (-1.0 if lam_F[j] < 0.0 else 1.0)
         for side in range(2):
             b = bodies[run.first[j], side]
             if b >= 0:
@@ -202,7 +203,8 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
     A_posed, d_posed, lower_posed, upper_posed = posed
     m, k, N, F = D.size, run.order.size, place.shape[0], run.mu.size
     q, v, a, r = np.empty(m), np.empty(m), np.empty(m), np.empty(m)
-    before, slip = np.empty(corner.size), np.zeros(F)
+    bend, before, floor = np.empty(m), np.empty(corner.size), np.empty(corner.size)
+    slip = np.zeros(F)
     lam_N, lam_F, bound, new_bound = np.zeros(N), np.zeros(F), np.zeros(F), np.zeros(F)
     q[:] = state[Q]
     v[:] = state[V]
@@ -224,16 +226,23 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
         if reals[TIME] + h >= reals[UNTIL] or (F > 0 and counts[KNOWN] == 0):
             return
         for i in range(m):  # (3.1a)
-            bend = (state[V, i] - state[V_BEFORE, i]) / (2 * reals[H]) if order == 2 else 0.0
-            q[i] = state[Q, i] + h * (state[V, i] + h * bend)
+            bend[i] = (state[V, i] - state[V_BEFORE, i]) / (2 * reals[H]) if order == 2 else 0.0
+            q[i] = state[Q, i] + h * (state[V, i] + h * bend[i])
         if not largest_motion(run.listed_at, q, shapes.radius) <= reals[REACH]:
             counts[STALE] = min(counts[TAKEN], 1)
             return
         pose = place_corners(q, shapes.corner_body, shapes.corner_local)
         after = clearances(*pose, corner, part, *edges)
         for i in range(corner.size):
+            floor[i] = level[i] + min(0.0, before[i] - level[i], after[i] - level[i])
+        _, inside = find_dips(
+            *(state[Q], state[V], bend, h, corner, part, floor),
+            *(shapes.corner_body, shapes.corner_local, *edges),
+        )
+        for i in range(corner.size):
             least = min(0.0, before[i] - level[i]) - reals[ROUNDING]
-            if after[i] - level[i] < least and not covered(
+            enters = after[i] - level[i] < least or inside[i] < h
+            if enters and not covered(
                 i, corner, part, shapes.corner_part, place, pose[0], reals[CONTACT_TOL]
             ):
                 return
