@@ -68,8 +68,9 @@ def newton_multipliers(
         return lam_N
     fixed_point = lam_N.copy()
     fixed_point[normals] += y[: normals.size]
-    least = -AT_BOUND * fixed_point.max()
-    return np.maximum(0.0, fixed_point) if fixed_point.min() >= least else lam_N
+    # one below 0 that λ_N falls towards is a contact without a load; one that it rises from is none
+    missing = (fixed_point < -AT_BOUND * fixed_point.max()) & (lam_N > lam_star)
+    return lam_N if missing.any() else np.maximum(0.0, fixed_point)
 
 
 def largest_gain(

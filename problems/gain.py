@@ -28,13 +28,15 @@ QUIET_PASSES = 3
 class GainWatch:
     """Finds gains γ ≥ 1 in the steps of a run, each episode of them once.
 
-    An episode ends with a step in which no contact has one by itself and the passes are quiet.
+    An episode ends with a step, none of whose trials failed, in which no contact has one by itself
+    and the passes are quiet.
     """
 
     def __init__(self, D: Vector, velocity_dependent: bool):
         self._D = D
         self._velocity_dependent = velocity_dependent
         self._in_episode = False
+        self._failed = False
 
     def look(self, step: VelocityStep, signs: Vector) -> tuple[float, Normal] | None:
         """The gain at which an episode begins with this step, and its normal; else None.
@@ -42,7 +44,9 @@ class GainWatch:
         signs : (F,) s of the sliding contacts, 0 of the sticking ones
         """
         own = self._own_gains(step, signs)
-        quiet = step.settled and (step.passes <= QUIET_PASSES or self._velocity_dependent)
+        few = step.passes <= QUIET_PASSES or self._velocity_dependent
+        quiet = step.settled and few and not self._failed
+        self._failed = not step.settled
         if quiet and own.max(initial=0.0) < 1:
             self._in_episode = False
             return None

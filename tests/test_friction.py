@@ -118,6 +118,14 @@ def test_newton_gives_way_where_there_is_no_fixed_point():
     np.testing.assert_array_equal(found, lam)
 
 
+def test_newton_leaves_the_ground_where_lambda_falls_to_zero():
+    """Below 0 with a gain below 1 is a contact without a load, which λ_* = 0 finds at once."""
+    assembly, D, signs = sliding_box(0.9)
+    star, lam = np.array([4.0]), np.array([3.5])  # fixed point −1
+    found = newton_multipliers(assembly, D, signs, star, lam, np.zeros(1), np.zeros(3))
+    np.testing.assert_array_equal(found, [0.0])
+
+
 def test_settings_are_checked():
     with pytest.raises(ValueError, match="friction"):
         run_of(one_box(), friction="dry")
@@ -131,15 +139,15 @@ def test_settings_are_checked():
 
 @pytest.mark.parametrize("fixed_step", [None, 1 / 240])
 def test_contacts_jam_where_sliding_forces_feed_back_on_themselves(fixed_step):
-    """Courses that slide to and fro, μ = 0.5: with five contacts stuck, the forces of the other 15
-    have no solution (they grow without limit as μ → 0.42), however short the step."""
+    """Courses that slide to and fro, μ = 0.5: with some contacts stuck, the forces of the others
+    have no solution, or with short steps and this ε one that is good enough."""
     run = run_of(scene("tower", bodies=20, mu=0.5), until=5 / 240, fixed_step=fixed_step)
     assert run.counts["rejected_steps"] < 40
     assert np.abs(run.v[-1]).max() < 1e-9
     energy = run.kinetic_energy() + run.potential_energy()
     assert np.diff(energy).max() <= 1e-9
     jams = [event for event in run.event_log if event.kind == "jam"]
-    assert len(jams) == 1
+    assert len(jams) == (0 if fixed_step is None else 1)
 
 
 def test_the_jump_of_a_jam_does_not_depend_on_the_length_of_its_step(monkeypatch):
@@ -147,14 +155,14 @@ def test_the_jump_of_a_jam_does_not_depend_on_the_length_of_its_step(monkeypatch
     jumps = []
     for length in (1e-6, 1e-7, 1e-8):
         monkeypatch.setattr("problems.stepper.JAM_STEP", length)
-        run = run_of(scene("tower", bodies=20, mu=0.5), until=2e-4)
+        run = run_of(scene("painleve"), until=1e-4)
         jam = next(event for event in run.event_log if event.kind == "jam")
         after = np.searchsorted(run.t, jam.t)
         jumps.append(run.v[after] - run.v[after - 1])
     size = np.abs(jumps[2]).max()
-    assert size > 1e-4
-    assert np.abs(jumps[0] - jumps[1]).max() < 0.2 * size
-    assert np.abs(jumps[1] - jumps[2]).max() < 0.02 * size
+    assert size > 0.1
+    assert np.abs(jumps[0] - jumps[1]).max() < 1e-4 * size
+    assert np.abs(jumps[1] - jumps[2]).max() < 1e-5 * size
 
 
 @pytest.mark.parametrize(
