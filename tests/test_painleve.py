@@ -56,6 +56,19 @@ def test_a_gain_of_one_or_more_is_an_event_once(friction: str, parameters: dict)
 
 
 @pytest.mark.parametrize("friction", ["paper", "corrected"])
+def test_compiled_steps_leave_gains_to_the_stepper(friction: str) -> None:
+    """The rod rises, slides past γ = 1 and is seen there, whether its QPs are kept or not."""
+    rising = scene("painleve", angle=0.7, spin=3.0, slip=3.0)
+    kept, quick = (
+        simulate(rising, make_solver("lotstedt"), until=0.06, friction=friction, keep_qps=keep)  # type: ignore[arg-type]
+        for keep in (True, False)
+    )
+    assert "gain" in kinds(kept) and kinds(quick) == kinds(kept)
+    np.testing.assert_allclose([e.t for e in quick.event_log], [e.t for e in kept.event_log])
+    assert quick.counts["qps"] > 0 and not quick.qps
+
+
+@pytest.mark.parametrize("friction", ["paper", "corrected"])
 @pytest.mark.parametrize("changes", [{"mu": 1.3}, {"slip": -1.0}, {"mu": 1.3, **FLUSH}])
 def test_below_one_there_is_no_event(friction: str, changes: dict) -> None:
     assert "gain" not in kinds(run_of(friction=friction, **changes))

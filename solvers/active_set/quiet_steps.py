@@ -4,7 +4,8 @@ Between events a step is always the same: AB-r, columns, one QP, BDF-r, the leng
 Taken one by one from Python each costs a hundred times what its arithmetic does.  Here they are
 taken until something calls for the stepper (`problems.quiet`): a corner that crosses an edge or
 leaves one, a contact that separates, a scheduled time, bodies that are still, a QP that is not
-solved, redundant contacts with friction, friction that wants another pass, slips or stops.
+solved, redundant contacts with friction, friction that wants another pass, slips or stops, or
+whose gain is 1 or more (`problems.gain`).
 """
 
 from __future__ import annotations
@@ -13,7 +14,13 @@ from math import hypot, inf, sqrt
 
 import numpy as np
 
-from problems.contact_kernels import clearances, column_speeds, contact_columns, place_corners
+from problems.contact_kernels import (
+    clearances,
+    column_speeds,
+    contact_columns,
+    own_gains,
+    place_corners,
+)
 from problems.dips import find_dips
 from problems.quiet import (
     A_BEFORE,
@@ -204,7 +211,7 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
     m, k, N, F = D.size, run.order.size, place.shape[0], run.mu.size
     q, v, a, r = np.empty(m), np.empty(m), np.empty(m), np.empty(m)
     bend, before, floor = np.empty(m), np.empty(corner.size), np.empty(corner.size)
-    slip = np.zeros(F)
+    slip, slides, inverse_mass = np.zeros(F), run.signs.any(), 1 / D**2
     lam_N, lam_F, bound, new_bound = np.zeros(N), np.zeros(F), np.zeros(F), np.zeros(F)
     q[:] = state[Q]
     v[:] = state[V]
@@ -301,6 +308,10 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
         weight = h / alpha0
         if F > 0 and not settled(run, lam_N, lam_F, bound, new_bound, g_F, bodies, weight, v):
             return
+        if slides:
+            gains = own_gains(g_N, g_F, bodies, inverse_mass, run.friction_of, run.signs, run.mu)
+            if gains.max() >= 1.0:
+                return
         size = 0.0
         for i in range(m):
             v[i] = weight * r[i] / D[i]
@@ -312,8 +323,8 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
             speed = column_speeds(g_F, bodies, v)
             for j in range(F):
                 new = speed[first[j]]
-                slides = run.signs[j] != 0.0
-                if slides and (slip[j] * new < 0.0 or abs(new) <= 0.01 * reals[EPS]):
+                stops = slip[j] * new < 0.0 or abs(new) <= 0.01 * reals[EPS]
+                if run.signs[j] != 0.0 and stops:
                     return
             for j in range(F):
                 slip[j] = speed[first[j]]
