@@ -1,0 +1,34 @@
+"""`glambda painleve`: where Coulomb's law has no motion, or two."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from harness.cli.app import app, terminal, told
+
+
+@app.command()
+@told
+def painleve(
+    output: Annotated[Path, typer.Option("-o", "--output", help="folder")] = Path("painleve"),
+) -> None:
+    """Painlevé's rod: does the first step stay bounded, and what becomes of the rod?
+
+    Runs of the stepper by the paper's friction and by the corrected one, beside closed forms.
+
+    Example:  glambda painleve -o painleve
+    """
+    from harness.painleve import measure_painleve
+    from harness.progress import shown
+    from reports.painleve import painleve_tables, write_painleve
+    from reports.table import print_tables
+    from solvers import make_solver
+
+    with shown("painleve", terminal(err=True)) as tell:
+        measured = measure_painleve(make_solver("lotstedt"), progress=tell)
+    page = write_painleve(measured, output)
+    print_tables(terminal(), painleve_tables(measured))
+    typer.echo(str(page))

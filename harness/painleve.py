@@ -1,0 +1,289 @@
+"""Painlevé's rod: runs of the stepper where Coulomb's law has no motion, or two.
+
+1. The first step after a jump in q̇, as h → 0: does it stay bounded (§4.2)?
+2. Growth over a fixed time: by `harness.slide.growth` to the power t/h, whatever the first step
+   does, until the slip has ended.
+3. What becomes of the rod by each friction rule, beside the impulse without a collision.
+4. The rod that rises towards γ = 1 while it slides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from harness.record import Progress
+from harness.slide import STEEPEST, growth, rod_of_gain, slide_of
+from problems import Run, scene, simulate
+from problems.friction import FrictionRule
+from problems.qp import Vector
+from problems.sequence import SolvesQPs
+
+FLUSH = {"angle": float(np.pi / 2), "thickness": 1.0}
+"""A box that slides on its whole side, two corners, with the leading corner of the same gain."""
+CASES: Mapping[str, Mapping[str, float]] = {
+    "one motion": {"angle": STEEPEST, "mu": 1.0},
+    "none": {"angle": STEEPEST},
+    "none, γ = 7.5": {"angle": STEEPEST, "mu": 10.0},
+    "none, two corners": FLUSH,
+    "two": {"angle": STEEPEST, "spin": 4.0},
+}
+"""Parameters of the scene by how many motions Coulomb's law leaves."""
+RULES: tuple[tuple[FrictionRule, float], ...] = (
+    ("paper", 1e-3),
+    ("corrected", 1e-3),
+    ("corrected", 1e-9),
+)
+"""Friction rule and ε of the runs with fixed steps."""
+STEPS = tuple(10.0**-k for k in range(2, 9))
+"""Lengths of a first step [s]."""
+GAINS = (-0.5, -0.4, -0.35, -0.3, -0.1, 0.1, 0.5, 0.9, 0.95, 1.05, 1.2, 1.5, 2.0)
+"""Gains whose growth per step is measured."""
+SHORT = 1e-7
+"""Steps in which growth is measured [s]: the rod hardly turns in them."""
+APPROACHES = (2.0, 2.5, 3.0, 3.25, 3.5)
+"""Spins [rad/s] with which a rod rises towards γ = 1."""
+TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6)
+"""ε of the runs towards γ = 1."""
+
+
+# --- the first step -------------------------------------------------------------------------------
+
+
+def first_steps(solver: SolvesQPs, progress: Progress | None = None) -> pd.DataFrame:
+    """The first step after a collision, as h → 0.
+
+    Columns: motions, gain, rule, eps, h, jump ‖q̇_n − q̇_{n−1}‖_M, lam the largest Σ λ_N [N],
+    impulse h λ [N·s], catch ‖·‖_M of the impulse without a collision.
+    """
+    rows = []
+    for number, (motions, parameters) in enumerate(CASES.items()):
+        made = scene("painleve", **{**parameters, "fall": 0.1})
+        for rule, eps in RULES:
+            _told(progress, f"first step, {motions}", number, len(CASES))
+            for h in STEPS:
+                run = simulate(made, solver, eps=eps, friction=rule, fixed_step=h, until=h)
+                first = int(np.searchsorted(run.t, 0.0, side="right"))
+                before = slide_of(made, run.q[first - 1, 0], run.v[first - 1, 0])
+                lam = _normal_force(run, first)
+                rows.append(
+                    {
+                        "motions": motions,
+                        "gain": before.gain,
+                        "rule": rule,
+                        "eps": eps,
+                        "h": h,
+                        "jump": before.norm(run.v[first, 0] - before.v),
+                        "lam": lam,
+                        "impulse": lam * (run.t[first] - run.t[first - 1]),
+                        "catch": before.norm(before.catch) if before.gain >= 1 else np.nan,
+                    }
+                )
+    return pd.DataFrame(rows)
+
+
+# --- growth over a fixed time ---------------------------------------------------------------------
+
+
+def measured_growth(solver: SolvesQPs, gain: float, steps: int = 14) -> dict[str, float]:
+    """Growth per step of the error in λ, from runs with `friction="paper"`, beside the theory.
+
+    e_n = λ_n − λ with the λ of steady sliding at t_n; e_n = c₁ e_{n−1} + c₂ e_{n−2} is fitted where
+    (4.2) is in force and nothing is clipped at 0.  Theory: c₁ = 2γ, c₂ = −γ.
+    """
+    made = rod_of_gain(gain, slip=100.0)
+    run = simulate(
+        made, solver, eps=1e-9, friction="paper", fixed_step=SHORT, until=steps * SHORT
+    )  # fmt: skip
+    lam = np.array([_normal_force(run, i) for i in range(1, len(run.t))])
+    steady = np.array(
+        [slide_of(made, q[0], v[0]).steady for q, v in zip(run.q[1:], run.v[1:], strict=True)]
+    )
+    e = lam - steady
+    star = 2 * lam[1:-1] - lam[:-2]
+    size = np.abs(e[1:-1]) + np.abs(e[:-2])
+    share = size / np.abs(steady[2:])
+    whole = (lam[2:] > 0) & (star > 0) & (share > 1e-5) & (share < 1e3)
+    kept = int(np.argmin(whole)) if not whole.all() else whole.size
+    left = np.column_stack([e[1:-1], e[:-2]]) / size[:, None]
+    first, second = np.linalg.lstsq(left[:kept], (e[2:] / size)[:kept], rcond=None)[0]
+    return {
+        "gain": gain,
+        "by (4.3)": growth(gain, "(4.3)"),
+        "by (4.2)": growth(gain),
+        "steps": kept,
+        "measured": float(np.abs(np.roots([1.0, -first, -second])).max()),
+    }
+
+
+class Caught(NamedTuple):
+    """A run with fixed steps until its slip ended.
+
+    h [s];  rule : of friction;  t [s], slip [m/s] from the start;  impulse : h λ of each step [N·s]
+    end : when the slip ended [s];  error : of the jump in q̇ against the impulse without a
+    collision, relative, in ‖·‖_M
+    """
+
+    h: float
+    rule: FrictionRule
+    t: Vector
+    slip: Vector
+    impulse: Vector
+    end: float
+    error: float
+
+
+def caught(solver: SolvesQPs, h: float, rule: FrictionRule = "paper") -> Caught:
+    """The rod without a motion, in steps of h, by one of the rules."""
+    made = scene("painleve", **CASES["none"])
+    start = slide_of(made, made.q0[0], made.v0[0])
+    run = simulate(made, solver, eps=1e-6, friction=rule, fixed_step=h, until=80 * h)
+    end = next(event.t for event in run.event_log if event.kind in ("slip_to_stick", "jam"))
+    slip = np.array([slide_of(made, q[0], v[0]).slip for q, v in zip(run.q, run.v, strict=True)])
+    # what is left of the slip where its end was located goes in the next step
+    stands = (run.t >= end) & (np.abs(slip) < 1e-4 * np.abs(slip[0]))
+    last = int(np.argmax(stands))
+    lam = [_normal_force(run, i) for i in range(1, last + 1)]
+    jump = run.v[last, 0] - run.v[0, 0]
+    return Caught(
+        h=h,
+        rule=rule,
+        t=run.t[: last + 1],
+        slip=slip[: last + 1],
+        impulse=np.diff(run.t[: last + 1]) * lam,
+        end=float(end),
+        error=start.norm(jump - start.catch) / start.norm(start.catch),
+    )
+
+
+# --- what becomes of it ---------------------------------------------------------------------------
+
+
+def outcomes(solver: SolvesQPs, progress: Progress | None = None) -> pd.DataFrame:
+    """How each rule goes on, with its own steps, ε = 1e-3.
+
+    Columns: motions, gain, rule, reported γ of the event, t, end of the slip, error of the jump
+    against the impulse without a collision, steps, rejected.
+    """
+    rows = []
+    for number, (motions, parameters) in enumerate(CASES.items()):
+        _told(progress, f"outcome, {motions}", number, len(CASES))
+        made = scene("painleve", **parameters)
+        start = slide_of(made, made.q0[0], made.v0[0])
+        for rule in ("paper", "corrected"):
+            run = simulate(made, solver, friction=rule, until=0.02)
+            end = _end_of_slip(run)
+            jump = run.v[end.at, 0] - run.v[0, 0]
+            stops = end.kind in ("slip_to_stick", "jam")
+            rows.append(
+                {
+                    "motions": motions,
+                    "gain": start.gain,
+                    "rule": rule,
+                    "reported": _reported(run),
+                    "end": end.kind,
+                    "t": end.t,
+                    "error": start.norm(jump - start.catch) / start.norm(start.catch)
+                    if stops and start.gain >= 1
+                    else np.nan,
+                    "steps": run.counts["steps"],
+                    "rejected": run.counts["rejected_steps"],
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+class Approach(NamedTuple):
+    """A rod that rises towards γ = 1 while it slides.
+
+    spin at the start [rad/s];  eps : ε;  gain, free : γ and B until its slip ended;  end, t : how
+    and when it did;  lam : the largest Σ λ_N before [N];  later : θ' at t = 0.15 [rad/s]
+    """
+
+    spin: float
+    eps: float
+    gain: Vector
+    free: Vector
+    end: str
+    t: float
+    lam: float
+    later: float
+
+
+def approach(solver: SolvesQPs, spin: float, eps: float) -> Approach:
+    """A run by the corrected rule from θ = 0.7, where γ = 0.87."""
+    made = scene("painleve", angle=0.7, spin=spin, slip=3.0)
+    run = simulate(made, solver, eps=eps, until=0.15)
+    end = _end_of_slip(run)
+    slides = [slide_of(made, run.q[i, 0], run.v[i, 0]) for i in range(end.at)]
+    return Approach(
+        spin=spin,
+        eps=eps,
+        gain=np.array([slide.gain for slide in slides]),
+        free=np.array([slide.free for slide in slides]),
+        end=end.kind,
+        t=end.t,
+        lam=max(_normal_force(run, i) for i in range(1, end.at)),
+        later=-float(run.v[-1, 0, 2]),
+    )
+
+
+class Painleve(NamedTuple):
+    """All of it; growths has the rows of `measured_growth`."""
+
+    firsts: pd.DataFrame
+    growths: pd.DataFrame
+    catches: list[Caught]
+    outcomes: pd.DataFrame
+    approaches: list[Approach]
+
+
+def measure_painleve(solver: SolvesQPs, progress: Progress | None = None) -> Painleve:
+    """The four questions, each with its runs; `solver` drives them."""
+    ways = [(spin, eps) for spin in APPROACHES for eps in TOLERANCES]
+    approaches = []
+    for number, (spin, eps) in enumerate(ways):
+        _told(progress, f"towards γ = 1, spin {spin:g}, ε = {eps:g}", number, len(ways))
+        approaches.append(approach(solver, spin, eps))
+    return Painleve(
+        firsts=first_steps(solver, progress),
+        growths=pd.DataFrame([measured_growth(solver, gain) for gain in GAINS]),
+        catches=[caught(solver, h, rule) for rule in ("paper", "corrected") for h in STEPS],
+        outcomes=outcomes(solver, progress),
+        approaches=approaches,
+    )
+
+
+class _End(NamedTuple):
+    kind: str
+    t: float
+    at: int
+
+
+def _end_of_slip(run: Run) -> _End:
+    """The first event that ends the slip, and the state after it."""
+    for event in run.event_log:
+        at = int(np.searchsorted(run.t, event.t))
+        flies = event.kind == "drop" and not run.multipliers[min(at + 1, len(run.t) - 1)]
+        if flies or event.kind in ("slip_to_stick", "jam"):
+            return _End(event.kind, float(event.t), at)
+    return _End("none", float(run.t[-1]), len(run.t) - 1)
+
+
+def _reported(run: Run) -> float:
+    """γ of the first event "gain", or NaN."""
+    told = [event.detail for event in run.event_log if event.kind == "gain"]
+    return float(told[0].rsplit("= ", 1)[1]) if told else np.nan
+
+
+def _normal_force(run: Run, i: int) -> float:
+    """Σ λ_N [N] of the i-th state: the multipliers of a body on the ground, its friction last."""
+    return float(sum([*run.multipliers[i].values()][:-1]))
+
+
+def _told(progress: Progress | None, what: str, number: int, count: int) -> None:
+    if progress is not None:
+        progress(what, number, count)

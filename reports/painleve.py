@@ -1,0 +1,346 @@
+"""Painlevé's rod as a page: the first step, growth over a fixed time, and what becomes of it.
+
+painleve.png    four panels
+painleve.md     the same with tables;  painleve_*.csv  their numbers
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from harness.painleve import Approach, Caught, Painleve
+from harness.slide import growth
+from reports.style import (
+    BLUE,
+    GREEN,
+    INK,
+    ORANGE,
+    PAGE_WIDTH,
+    PURPLE,
+    SKY,
+    SOFT,
+    VERMILLION,
+    drawing,
+    save,
+)
+from reports.table import Table, scientific, short, whole
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
+
+LOOSE, TIGHT = 1e-3, 1e-9
+"""The two ε of the first steps."""
+
+
+# --- tables ---------------------------------------------------------------------------------------
+
+
+def painleve_tables(measured: Painleve) -> list[Table]:
+    """The tables in the order of the page."""
+    return [
+        first_table(measured.firsts),
+        growth_table(measured.growths),
+        catch_table(measured.catches),
+        outcome_table(measured.outcomes),
+        approach_table(measured.approaches),
+    ]
+
+
+def first_table(firsts: pd.DataFrame) -> Table:
+    """‖q̇_n − q̇_{n−1}‖_M of the first step, one column per h."""
+    keys = ["motions", "gain", "rule", "eps"]
+    data = firsts.pivot(index=keys, columns="h", values="jump")
+    order = list(dict.fromkeys(firsts[keys].itertuples(index=False, name=None)))
+    lengths = sorted(data.columns, reverse=True)
+    data = data.loc[order, lengths]
+    data.columns = [f"h = {h:.0e}".replace("e-0", "e-") for h in lengths]
+    caught = firsts[(firsts["rule"] == "corrected") & (firsts["eps"] == TIGHT)]
+    caught = caught[(caught["gain"] >= 1) & (caught["lam"] > 0)]
+    paper = firsts[firsts["rule"] == "paper"]
+    spread = paper[paper["lam"] > 0].groupby("motions", sort=False)["lam"]
+    off = float((spread.max() / spread.min()).max() - 1)
+    unseen = firsts[(firsts["rule"] == "corrected") & (firsts["eps"] == LOOSE)]
+    unseen = unseen[(unseen["gain"] >= 1) & (unseen["lam"] > 0) & (unseen["impulse"] < 1e-2)]
+    notes = [
+        "Nothing blows up. By the paper's rule λ of the first step is that of (4.4), and the step "
+        "of q̇ is O(h), whether a motion exists or not. λ of one case varies over h by "
+        f"{off:.1%} at most, which at h = 1e-8 is rounding: (4.4) divides a difference of two φ by "
+        "h².",
+        "Corrected friction at ε = 1e-9 finds no λ for the signs given and lets the contact catch: "
+        "λ grows as 1/h, h λ has a limit, and the jump in q̇ is that of the impulse without a "
+        f"collision, to {_largest_error(caught):.1e} of it.",
+    ]
+    if len(unseen):
+        notes.append(
+            "At ε = 1e-3 its passes end where another would move q̇ by less than 0.1 ε (3.14), so "
+            f"that in steps of {unseen['h'].max():.0e} and less the first step may be as by the "
+            "paper's rule: that no motion exists shows later, when λ has grown. The event is "
+            "there from the first step."
+        )
+    return Table(
+        name="painleve_first",
+        title="The first step after a collision, as h → 0",
+        reading=(
+            "‖q̇_n − q̇_{n−1}‖_M [kg^½ m/s] of the first step of length h after the impulse of a "
+            "collision, by how many motions Coulomb's law leaves."
+        ),
+        data=data.reset_index(),
+        formats={"gain": short, "eps": scientific, **dict.fromkeys(data.columns, scientific)},
+        notes=notes,
+    )
+
+
+def _largest_error(caught: pd.DataFrame) -> float:
+    return float((caught["jump"] / caught["catch"] - 1).abs().max())
+
+
+def growth_table(growths: pd.DataFrame) -> Table:
+    """Growth of errors in λ per step, measured and by the roots."""
+    off = (growths["measured"] / growths["by (4.2)"] - 1).abs().max()
+    return Table(
+        name="painleve_growth",
+        title="Growth of λ per step, by the gain",
+        reading=(
+            "Factor per step by which an error in λ grows in runs with constant steps and the "
+            "paper's rule, beside the largest root |ζ| of ζ² = γ(2ζ − 1) for (4.2) and |γ| for "
+            "(4.3); fitted over so many steps, before λ is clipped at 0 or has outgrown its start."
+        ),
+        data=growths,
+        formats={
+            "gain": "{:g}".format, "by (4.3)": "{:.4f}".format, "by (4.2)": "{:.4f}".format,
+            "steps": whole, "measured": "{:.4f}".format,
+        },
+        notes=[
+            f"Measured and predicted differ by {off:.1e} at most.",
+            "(4.2) grows for γ > 1, where Coulomb's law fails, and for γ < −1/3, where it does "
+            "not: there the corrected rule is the remedy. Wherever either grows, (4.2) grows "
+            "faster.",
+        ],
+    )  # fmt: skip
+
+
+def catch_table(catches: Sequence[Caught]) -> Table:
+    """Runs with fixed steps until the slip has ended."""
+    data = pd.DataFrame(
+        {
+            "rule": run.rule,
+            "h": run.h,
+            "slip ends": run.end,
+            "÷ h": run.end / run.h,
+            "largest h λ": run.impulse.max(),
+            "error": run.error,
+        }
+        for run in catches
+    )
+    paper = data[data["rule"] == "paper"].sort_values("h", ascending=False)
+    steps = np.diff(paper["÷ h"].to_numpy())
+    gain = 1.2
+    more = np.log(10) / np.log(growth(gain))
+    return Table(
+        name="painleve_catch",
+        title="The rod without a motion, in fixed steps until its slip has ended",
+        reading=(
+            "When the slip ends [s], in steps; the largest impulse of one step [N·s]; and how far "
+            "the jump in q̇ until then is from that of the impulse without a collision, relative."
+        ),
+        data=data,
+        formats={
+            "h": scientific, "slip ends": scientific, "÷ h": short,
+            "largest h λ": scientific, "error": scientific,
+        },
+        notes=[
+            "Over a fixed time λ of the paper's rule grows by |ζ|^(t/h) until the slip has ended. "
+            f"That takes ln 10/ln ζ = {more:.2f} steps more for a tenth of h (measured: "
+            f"{', '.join(f'{s:.2f}' for s in steps)}), so as h → 0 it happens at once, and the "
+            "jump is the one that the corrected rule makes in one step. The limit of both rules is "
+            "the impulse without a collision; neither converges to a sliding motion, as there is "
+            "none.",
+        ],
+    )  # fmt: skip
+
+
+def outcome_table(outcomes: pd.DataFrame) -> Table:
+    """How each rule goes on with its own steps."""
+    work = outcomes.groupby("rule")[["steps", "rejected"]].sum().sum(axis=1)
+    return Table(
+        name="painleve_outcomes",
+        title="What becomes of the rod, ε = 1e-3 and variable steps",
+        reading=(
+            "The gain by theory and as the run reports it in its event; how and when [s] the slip "
+            "ended (a jam and slip → stick are catches, a drop leaves the ground); how far the "
+            "jump in q̇ is from the impulse without a collision; steps to t = 0.02."
+        ),
+        data=outcomes,
+        formats={
+            "gain": short, "reported": short, "t": scientific, "error": scientific,
+            "steps": whole, "rejected": whole,
+        },
+        notes=[
+            f"The paper's rule took {work['paper']} steps, rejected ones included, corrected "
+            f"friction {work['corrected']}.",
+            "Where Coulomb's law leaves two motions, λ = 0 and λ > 0, both rules leave the ground: "
+            "(4.4) predicts no force, and nothing asks for one. The other motion, and the impulse "
+            "that is possible there too, are never tried.",
+        ],
+    )  # fmt: skip
+
+
+def approach_table(approaches: Sequence[Approach]) -> Table:
+    """Rods that rise towards γ = 1, by ε."""
+    data = pd.DataFrame(
+        {
+            "spin": run.spin,
+            "eps": run.eps,
+            "end": run.end,
+            "t": run.t,
+            "gain": run.gain[-1],
+            "B": run.free[-1],
+            "largest λ": run.lam,
+            "spin at 0.15": run.later,
+        }
+        for run in approaches
+    )
+    fates = data[data["gain"] > 0.99].groupby("spin")["end"].nunique()
+    split = int((fates > 1).sum())
+    return Table(
+        name="painleve_approach",
+        title="The rod that rises towards γ = 1",
+        reading=(
+            "By its spin at the start [rad/s] and ε, corrected friction: how and when [s] the slip "
+            "ended, γ and B [m/s²] then, the largest λ before [N], the spin at t = 0.15."
+        ),
+        data=data,
+        formats={
+            "spin": short, "eps": scientific, "t": "{:.5f}".format, "gain": "{:.4f}".format,
+            "B": "{:.3f}".format, "largest λ": short, "spin at 0.15": "{:.3f}".format,
+        },
+        notes=[
+            "λ stays finite: B and 1 − γ vanish together, as theory has it (Génot and Brogliato "
+            "1999).",
+            f"Beyond that point there are two motions, and of {len(fates)} spins that reach it "
+            f"{split} end differently at different ε: a smaller ε does not settle which one is "
+            "followed. This is the non-uniqueness of Coulomb's law, not an error that ε controls.",
+        ],
+    )  # fmt: skip
+
+
+# --- figure ---------------------------------------------------------------------------------------
+
+
+def plot_painleve(measured: Painleve, path: Path) -> Path:
+    """First steps, growth per step, the catch in fixed steps, ways to γ = 1."""
+    with drawing() as Figure:
+        figure = Figure(figsize=(PAGE_WIDTH, 5.8), layout="constrained")
+        (first, second), (third, fourth) = figure.subplots(2, 2)
+        _draw_firsts(first, measured.firsts)
+        _draw_growth(second, measured.growths)
+        _draw_catches(third, measured.catches)
+        _draw_approaches(fourth, measured.approaches)
+        return save(figure, path)
+
+
+def _draw_firsts(axes: Axes, firsts: pd.DataFrame) -> None:
+    none = firsts[firsts["motions"] == "none"]
+    looks = {
+        ("paper", LOOSE): (BLUE, "o", "paper"),
+        ("corrected", LOOSE): (ORANGE, "s", "corrected, ε = 1e-3"),
+        ("corrected", TIGHT): (VERMILLION, "^", "corrected, ε = 1e-9"),
+    }
+    for (rule, eps), (colour, marker, label) in looks.items():
+        part = none[(none["rule"] == rule) & (none["eps"] == eps)]
+        axes.loglog(
+            part["h"], part["jump"], color=colour, marker=marker, markersize=4, linewidth=1.1,
+            label=label,
+        )  # fmt: skip
+    axes.axhline(none["catch"].iloc[0], color=INK, linewidth=0.8, linestyle=(0, (4, 2)))
+    axes.annotate(
+        "impulse without a collision", (none["h"].min(), none["catch"].iloc[0]),
+        xytext=(0, 4), textcoords="offset points", fontsize=7.5,
+    )  # fmt: skip
+    axes.set_ylim(top=2.0)
+    axes.set_title("first step, no motion exists")
+    axes.set_xlabel("h [s]")
+    axes.set_ylabel("‖q̇ₙ − q̇ₙ₋₁‖ in M")
+    axes.legend(loc="lower right")
+    axes.grid(True)
+
+
+def _draw_growth(axes: Axes, growths: pd.DataFrame) -> None:
+    gain = np.linspace(-0.7, 2.1, 281)
+    axes.plot(gain, [growth(g) for g in gain], color=BLUE, linewidth=1.2, label="(4.2), theory")
+    axes.plot(gain, np.abs(gain), color=GREEN, linewidth=1.0, linestyle="--", label="(4.3), theory")
+    axes.plot(
+        growths["gain"], growths["measured"], "o", color=VERMILLION, markersize=4,
+        label="(4.2), measured",
+    )  # fmt: skip
+    axes.axhline(1.0, color=SOFT, linewidth=0.7)
+    axes.set_title("growth of λ per step")
+    axes.set_xlabel("γ")
+    axes.set_ylabel("|ζ|")
+    axes.legend(loc="upper left")
+    axes.grid(True)
+
+
+def _draw_catches(axes: Axes, catches: Sequence[Caught]) -> None:
+    runs = [run for run in catches if run.rule == "paper"]
+    colours = (ORANGE, SKY, GREEN, PURPLE, BLUE, VERMILLION, INK)
+    for run, colour in zip(runs, colours, strict=False):
+        axes.semilogx(
+            run.t[1:], run.slip[1:], color=colour, marker=".", markersize=3.5, linewidth=1.0,
+            label=f"h = {run.h:.0e}".replace("e-0", "e-"),
+        )  # fmt: skip
+    axes.set_title("slip by the paper's rule")
+    axes.set_xlabel("t [s]")
+    axes.set_ylabel("slip [m/s]")
+    axes.legend(loc="lower left", fontsize=7)
+    axes.grid(True)
+
+
+def _draw_approaches(axes: Axes, approaches: Sequence[Approach]) -> None:
+    finest = min(run.eps for run in approaches)
+    runs = [run for run in approaches if run.eps == finest]
+    for run, colour in zip(runs, (ORANGE, SKY, GREEN, PURPLE, BLUE), strict=False):
+        axes.plot(run.gain, run.free, color=colour, linewidth=1.2, label=f"{run.spin:g} rad/s")
+        axes.plot(run.gain[-1], run.free[-1], "o", color=colour, markersize=4)
+    axes.axhline(0.0, color=SOFT, linewidth=0.7)
+    axes.axvline(1.0, color=SOFT, linewidth=0.7)
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, max(high, -0.25 * low))
+    axes.set_xlim(right=1.02)
+    axes.set_title(f"ways to γ = 1, ε = {finest:.0e}".replace("e-0", "e-"))
+    axes.set_xlabel("γ")
+    axes.set_ylabel("B [m/s²]")
+    axes.legend(loc="upper left", title="spin")
+    axes.grid(True)
+
+
+# --- page -----------------------------------------------------------------------------------------
+
+
+def write_painleve(measured: Painleve, folder: str | Path) -> Path:
+    """Write painleve.md, the tables and the figure; return the page."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    plot_painleve(measured, folder / "painleve.png")
+    tables = painleve_tables(measured)
+    for table in tables:
+        (folder / f"{table.name}.csv").write_text(table.to_csv(), encoding="utf-8")
+    page = folder / "painleve.md"
+    page.write_text(
+        "# Painlevé's rod\n\n"
+        "A rod is pushed ahead on its lower end. Friction presses that end into the ground with "
+        "the gain γ: for γ < 1 one motion exists; for γ > 1 none where B < 0, and two where B > 0, "
+        "B being the gap acceleration without a contact force. The paper claims that the first "
+        "step after a jump in q̇ does not blow up as h → 0 even where the equations have no "
+        "solution (§4.2). That is so; what λ does over a fixed time is another matter.\n\n"
+        "![The first step, growth per step, slip in fixed steps, ways to γ = 1](painleve.png)\n\n"
+        + "\n".join(table.to_markdown() for table in tables),
+        encoding="utf-8",
+    )
+    return page
