@@ -51,14 +51,21 @@ def physics_of(run: Run) -> dict[str, float]:
 
 
 def overlap(scene: Scene, q: Vector) -> Vector:
-    """Deepest overlap [m] of any two parts at poses q (n, bodies, 3); (n,), negative if apart."""
+    """Deepest overlap [m] of any two parts at poses q (n, bodies, 3).
+
+    (n,), negative if apart; parts whose circumscribed circles are apart are not looked at.
+    """
     parts = [(b, polygon) for b, body in enumerate(scene.bodies) for polygon in body.polygons]
     corners = [_placed(polygon, q[:, b]) for b, polygon in parts]
     deepest = np.full(len(q), -np.inf)
     for (a, one), (b, other) in combinations(zip(parts, corners, strict=True), 2):
         if a[0] != b[0]:
-            apart = np.maximum(_separation(one, other), _separation(other, one))
-            deepest = np.maximum(deepest, -apart)
+            reach = scene.bodies[a[0]].radius + scene.bodies[b[0]].radius
+            near = np.hypot(*(q[:, a[0], :2] - q[:, b[0], :2]).T) <= reach
+            apart = np.maximum(
+                _separation(one[near], other[near]), _separation(other[near], one[near])
+            )
+            deepest[near] = np.maximum(deepest[near], -apart)
     for plane in scene.ground:
         normal = np.array(plane.normal) / np.hypot(*plane.normal)
         for one in corners:

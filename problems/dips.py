@@ -1,7 +1,9 @@
 """Corners that are outside a part at both ends of a step, and were inside in between.
 
 A corner can cut off the tip of a part within one step.  Afterwards the edges of the two bodies
-cross, with no corner of either inside the other, and no corner would ever tell.
+cross, with no corner of either inside the other, and no corner would ever tell.  Two tips that meet
+exactly, as those of triangles that slide on the ground, are never inside each other at all; so a
+corner that comes from afar has a `floor` a little above 0.
 
 A stretch of the path is free of dips where a single edge keeps the corner out all along it:
 φ_e at its two ends is not below the curvature of φ_e over it, C s²/8 for a stretch of length s.
@@ -24,23 +26,43 @@ from problems.qp import Indices, Vector
 
 SHALLOW = 1e-9
 """Depth of a dip that is let pass [m]."""
+ARRIVAL = 5e-8
+"""How near a corner must come, from farther away, to have hit a part [m]."""
 MAX_HALVINGS = 50
 
 
 def dips(
     geometry: Geometry, path: Path, h: float, corner: Indices, part: Indices, floor: Vector
 ) -> tuple[Vector, Vector]:
-    """Stretches (start, end) of the path within h at whose end a corner is below its floor, (N,).
+    """The first stretches (start, end) of the path found at whose end a corner is below its floor.
 
-    floor : (N,) clearance that counts as 0, not above the clearance at either end of the path [m]
+    floor : (N,) clearance that counts as 0, not above that at the start of the path [m]
 
-    Both are inf where there is no dip.
+    Both (N,), inf where there is none.
     """
     return find_dips(
         *(path.start, path.velocity, path.curvature, h, corner, part, floor),
         *(geometry.corner_body, geometry.corner_local, geometry.part_body),
         *(geometry.edge_normal, geometry.edge_offset),
     )
+
+
+@kernel
+def floor_of(clearance, level):
+    """What a corner must not fall below on a path that starts at `clearance`, both [m].
+
+    level : its reference level
+    """
+    return level + (ARRIVAL if clearance - level > ARRIVAL else min(0.0, clearance - level))
+
+
+@kernel
+def floors(clearance, level):
+    """The same of N corners."""
+    floor = np.empty(clearance.size)
+    for i in range(clearance.size):
+        floor[i] = floor_of(clearance[i], level[i])
+    return floor
 
 
 @kernel
@@ -115,6 +137,9 @@ def find_dips(
         right[0] = h
         _edge_distances(q, velocity, curvature, 0.0, a, b, local[c], normal[p], offset[p], left)
         _edge_distances(q, velocity, curvature, h, a, b, local[c], normal[p], offset[p], phi[0])
+        if phi[0].max() < level:
+            starts[i], ends[i] = 0.0, h
+            continue
         while top >= 0:
             length = right[top] - start
             sag = bend * length * length / 8

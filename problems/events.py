@@ -16,13 +16,13 @@ from scipy.optimize import brentq
 from problems.constraint_graph import ROUNDING, ConstraintGraph, Normal
 from problems.contact_kernels import column_speeds
 from problems.contacts import Columns, Geometry, Pose
-from problems.dips import dips
+from problems.dips import dips, floors
 from problems.multistep import Path
 from problems.qp import Vector
 
 SAME_TIME = 1e-9
 """Events within this many seconds of each other are simultaneous."""
-END_SLACK = 1e-7
+END_SLACK = 1e-6
 """How far a corner may pass the end of its edge before it has left it, per edge length."""
 TOUCH_TOL = 1e-7
 """A corner within this distance of a part touches it [m]."""
@@ -70,9 +70,9 @@ def _approach_speed(
 def first_hits(graph: ConstraintGraph, path: Path, h: float, slowest: float) -> list[Hit]:
     """The earliest collisions along the path within h; several if simultaneous, sorted.
 
-    A candidate collides when its clearance falls below its reference level, be it for a part of the
-    step only (`problems.dips`), unless an active contact makes it redundant there or the parts are
-    not approaching (faster than `slowest`) along the normal of the edge concerned.
+    A candidate collides when its clearance falls below its reference level, or almost to it, be it
+    for a part of the step only (`problems.dips`), unless an active contact makes it redundant there
+    or the parts are not approaching (faster than `slowest`) along the normal of the edge concerned.
     """
     geometry = graph.geometry
     corner, part = graph.candidates(path.start, path(h))
@@ -82,7 +82,7 @@ def first_hits(graph: ConstraintGraph, path: Path, h: float, slowest: float) -> 
     before = geometry.clearance(geometry.pose(path.start), corner, part) - level
     after = geometry.clearance(geometry.pose(path(h)), corner, part) - level
     ends_inside = after < np.minimum(0.0, before) - ROUNDING
-    floor = level + np.minimum(0.0, np.minimum(before, after))
+    floor = floors(before + level, level)
     dip_start, dip_end = dips(geometry, path, h, corner, part, floor)
     hits: list[Hit] = []
     for i in np.flatnonzero(ends_inside | np.isfinite(dip_end)):

@@ -31,7 +31,7 @@ def both(name: str, parameters: dict, **options):
         ("tower", {"bodies": 6, "mu": 0.5}, 0.5),
         ("wall", {"bodies": 12}, 0.3),
         ("wall", {"bodies": 7, "mu": 0.3}, 0.2),
-        ("heap", {"bodies": 6}, 0.3),
+        ("heap", {"bodies": 6}, 0.25),
     ],
 )
 def test_quiet_steps_are_those_of_the_stepper(name, parameters, until):

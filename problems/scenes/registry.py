@@ -27,9 +27,11 @@ FAMILIES = {
     "heap": "problems.families:heap",
 }
 """Scenes of any number of bodies."""
+FALLING = {"rain": "problems.falling:rain"}
+"""Scenes of any number of bodies that do not touch at the start."""
 STUDIES = {"painleve": "problems.scenes.painleve:painleve"}
 """Scenes of a question of their own."""
-BUILT_IN = PAPER | FAMILIES | STUDIES
+BUILT_IN = PAPER | FAMILIES | FALLING | STUDIES
 
 
 @cache

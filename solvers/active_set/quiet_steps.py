@@ -21,7 +21,7 @@ from problems.contact_kernels import (
     own_gains,
     place_corners,
 )
-from problems.dips import find_dips
+from problems.dips import find_dips, floor_of
 from problems.quiet import (
     A_BEFORE,
     AT_BOUND,
@@ -241,14 +241,14 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
         pose = place_corners(q, shapes.corner_body, shapes.corner_local)
         after = clearances(*pose, corner, part, *edges)
         for i in range(corner.size):
-            floor[i] = level[i] + min(0.0, before[i] - level[i], after[i] - level[i])
+            floor[i] = floor_of(before[i], level[i])
         _, inside = find_dips(
             *(state[Q], state[V], bend, h, corner, part, floor),
             *(shapes.corner_body, shapes.corner_local, *edges),
         )
         for i in range(corner.size):
             least = min(0.0, before[i] - level[i]) - reals[ROUNDING]
-            enters = after[i] - level[i] < least or inside[i] < h
+            enters = after[i] - level[i] < least or inside[i] <= h
             if enters and not covered(
                 i, corner, part, shapes.corner_part, place, pose[0], reals[CONTACT_TOL]
             ):

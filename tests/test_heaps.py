@@ -1,0 +1,78 @@
+"""Polygons that are dropped in a heap: every simulation ends, and ends well."""
+
+import json
+
+import numpy as np
+import pytest
+
+from benchmarks import heaps
+from benchmarks.heaps import Case, case, energy_rise, examined, load, run_case, save
+from harness.run_physics import overlap
+from problems import scene, simulate
+from problems.bodies import polygon_body
+from problems.scenes import Scene
+from solvers import make_solver
+
+
+def lotstedt():
+    return make_solver("lotstedt")
+
+
+def test_tips_that_meet_on_the_ground_do_not_pass_through_each_other():
+    """Both stay on the line of the other's lower edge: neither is ever inside the other."""
+    wedge = polygon_body([(0.0, 0.0), (2.0, 0.0), (1.0, 0.5)])
+    height = -wedge.polygons[0][:, 1].min()
+    for turn in (0.0, 1e-9, -1e-9):
+        sliding = Scene(
+            bodies=(wedge, wedge),
+            q0=np.array([[-2.0, height, 0.0], [2.0, height, turn]]),
+            v0=np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]]),
+            end_time=1.0,
+        )
+        run = simulate(sliding, lotstedt())
+        assert overlap(sliding, run.q).max() < run.options["eps"]
+
+
+@pytest.mark.parametrize("number", range(20))
+def test_a_heap_ends_well(number):
+    made = case(20, number)
+    small = {**made.parameters, "bodies": 5 + number % 4, "end_time": 1.0}
+    outcome = run_case(Case("rain", small))
+    assert not outcome.failure, outcome.detail
+    assert outcome.impulses > 0
+
+
+def test_a_case_is_the_same_again_from_its_file(tmp_path):
+    made = case(0, 5)
+    small = Case(made.scene, {**made.parameters, "bodies": 5, "end_time": 0.5}, {"eps": 2e-3})
+    outcome = run_case(small)
+    again = load(save(tmp_path, 5, small, outcome))
+    assert again == small
+    assert {**vars(run_case(again)), "cpu": 0.0} == {**vars(outcome), "cpu": 0.0}
+    assert heaps.main(["--reproduce", str(tmp_path / "5.json")]) == 0
+    (tmp_path / "bad.json").write_text(json.dumps({"scene": "rain"}))
+    with pytest.raises(ValueError, match=r"bad\.json: no case of this benchmark"):
+        load(tmp_path / "bad.json")
+
+
+def test_what_goes_wrong_is_a_failure():
+    assert run_case(Case("rain", {"bodies": 0})).failure == "error"
+    assert run_case(case(0, 1), limit=0.05).failure == "time"
+    run = simulate(scene("rain", bodies=5, end_time=0.8), lotstedt(), keep_qps=False)
+    assert not examined(run, 0.0).failure
+    run.q[-1, 0] = run.q[-1, 1]
+    assert examined(run, 0.0).failure == "overlap"
+    run = simulate(scene("rain", bodies=5, end_time=0.8), lotstedt(), keep_qps=False)
+    assert energy_rise(run) < 1e-3
+    run.v[-1] *= 2.0
+    assert examined(run, 0.0).failure == "energy"
+    run.t[-1] = 0.7
+    assert examined(run, 0.0).failure == "early"
+
+
+def test_the_table_counts_failures(tmp_path, capsys):
+    arguments = ["--count", "2", "--workers", "1", "--limit", "0.01", "--out", str(tmp_path)]
+    assert heaps.main(arguments) == 1
+    row = next(line for line in capsys.readouterr().out.splitlines() if "failed: time" in line)
+    assert [cell.strip() for cell in row.strip("│").split("│")[1:]] == ["2", "1", "1"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["0.json", "1.json"]
