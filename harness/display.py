@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -15,6 +16,9 @@ from harness.recording import Recording, Reference
 from harness.verify import ACCURATE_CLASS
 from problems.qp import KINDS
 from solvers.registry import SolverInfo
+
+GAINS_SHOWN = 5
+"""Most friction gains that are told of a simulation."""
 
 
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> Table:
@@ -130,9 +134,17 @@ def _motion(recording: Recording) -> str:
 
 
 def print_run(console: Console, run: Any) -> None:
-    """How a simulation ended: counts, and where each body is."""
+    """How a simulation ended: counts, events, where each body is; and friction gains γ ≥ 1."""
     counts = ", ".join(f"{v} {k}" for k, v in run.counts.items())
     console.print(Text(f"{run.scene.label}: t = {run.t[-1]:.6g} s; {counts}"))
+    kinds = Counter(event.kind for event in run.event_log)
+    if kinds:
+        console.print(Text("events: " + ", ".join(f"{n} {kind}" for kind, n in kinds.items())))
+    gains = [event for event in run.event_log if event.kind == "gain"]
+    for event in gains[:GAINS_SHOWN]:
+        console.print(Text(f"  t = {event.t:.6g} s: gain of friction, {event.detail}"))
+    if len(gains) > GAINS_SHOWN:
+        console.print(Text(f"  and {len(gains) - GAINS_SHOWN} more; --trajectory keeps all events"))
     last = run.trajectory.tail(run.q.shape[1])
     names = ["body", "x", "y", "phi", "vx", "vy", "omega"]
     console.print(

@@ -206,8 +206,12 @@ def approach_table(approaches: Sequence[Approach]) -> Table:
         }
         for run in approaches
     )
-    fates = data[data["gain"] > 0.99].groupby("spin")["end"].nunique()
-    split = int((fates > 1).sum())
+    reached = data[data["gain"] > 0.99]["spin"].unique()
+    ends = data[data["spin"].isin(reached)].groupby("spin")["end"]
+    split = int((ends.nunique() > 1).sum())
+    finest = data[data["eps"] == data["eps"].min()]
+    worst = min(run.free[run.gain > 1].min(initial=np.inf) for run in approaches)
+    left = int((finest[finest["spin"].isin(reached)]["end"] == "drop").sum())
     return Table(
         name="painleve_approach",
         title="The rod that rises towards γ = 1",
@@ -221,11 +225,12 @@ def approach_table(approaches: Sequence[Approach]) -> Table:
             "B": "{:.3f}".format, "largest λ": short, "spin at 0.15": "{:.3f}".format,
         },
         notes=[
-            "λ stays finite: B and 1 − γ vanish together, as theory has it (Génot and Brogliato "
-            "1999).",
-            f"Beyond that point there are two motions, and of {len(fates)} spins that reach it "
-            f"{split} end differently at different ε: a smaller ε does not settle which one is "
-            "followed. This is the non-uniqueness of Coulomb's law, not an error that ε controls.",
+            "Theory has B and 1 − γ vanish together (Génot and Brogliato 1999), never B < 0 beyond "
+            f"γ = 1, where no motion would be left. The least B of all runs there is {worst:.2g}.",
+            f"Beyond that point there are two motions. Of {len(reached)} spins that come near it, "
+            f"{left} leave the ground at the finest ε; {split} end otherwise at a coarser one, "
+            "which stays on the ground beyond γ = 1, on the other solution, and mostly catches. "
+            "Which motion is followed, and all that comes after, is decided by ε.",
         ],
     )  # fmt: skip
 
@@ -291,14 +296,15 @@ def _draw_catches(axes: Axes, catches: Sequence[Caught]) -> None:
     runs = [run for run in catches if run.rule == "paper"]
     colours = (ORANGE, SKY, GREEN, PURPLE, BLUE, VERMILLION, INK)
     for run, colour in zip(runs, colours, strict=False):
-        axes.semilogx(
-            run.t[1:], run.slip[1:], color=colour, marker=".", markersize=3.5, linewidth=1.0,
-            label=f"h = {run.h:.0e}".replace("e-0", "e-"),
+        axes.semilogx(run.t[1:], run.slip[1:], color=colour, marker=".", markersize=3.5)
+        axes.annotate(
+            f"{run.h:.0e}".replace("e-0", "e-"), (run.end, 0.0), xytext=(0, -10),
+            textcoords="offset points", ha="center", fontsize=7.5, color=colour,
         )  # fmt: skip
-    axes.set_title("slip by the paper's rule")
+    axes.set_ylim(-0.14, 1.06)
+    axes.set_title("slip by the paper's rule, h = 1e-2 … 1e-8")
     axes.set_xlabel("t [s]")
     axes.set_ylabel("slip [m/s]")
-    axes.legend(loc="lower left", fontsize=7)
     axes.grid(True)
 
 
@@ -311,12 +317,12 @@ def _draw_approaches(axes: Axes, approaches: Sequence[Approach]) -> None:
     axes.axhline(0.0, color=SOFT, linewidth=0.7)
     axes.axvline(1.0, color=SOFT, linewidth=0.7)
     low, high = axes.get_ylim()
-    axes.set_ylim(low, max(high, -0.25 * low))
+    axes.set_ylim(low, max(high, -0.5 * low))
     axes.set_xlim(right=1.02)
     axes.set_title(f"ways to γ = 1, ε = {finest:.0e}".replace("e-0", "e-"))
     axes.set_xlabel("γ")
     axes.set_ylabel("B [m/s²]")
-    axes.legend(loc="upper left", title="spin")
+    axes.legend(loc="upper left", ncols=2)
     axes.grid(True)
 
 

@@ -5,10 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from harness.display import print_run
+from harness.painleve import Painleve, measure_painleve
+from harness.slide import STEEPEST, Slide, growth, rod_of_gain, slide_of
 from problems import Run, scene, simulate
 from problems.assembly import Assembly
 from problems.friction_passes import largest_gain
 from problems.stepper import Stepper, StepperOptions
+from reports.painleve import painleve_tables, write_painleve
 from solvers import make_solver
 
 FLUSH = {"angle": np.pi / 2, "thickness": 1.0}
@@ -60,7 +64,9 @@ def test_compiled_steps_leave_gains_to_the_stepper(friction: str) -> None:
     """The rod rises, slides past γ = 1 and is seen there, whether its QPs are kept or not."""
     rising = scene("painleve", angle=0.7, spin=3.0, slip=3.0)
     kept, quick = (
-        simulate(rising, make_solver("lotstedt"), until=0.06, friction=friction, keep_qps=keep)  # type: ignore[arg-type]
+        simulate(
+            rising, make_solver("lotstedt"), eps=1e-4, until=0.06, friction=friction, keep_qps=keep
+        )
         for keep in (True, False)
     )
     assert "gain" in kinds(kept) and kinds(quick) == kinds(kept)
@@ -104,3 +110,124 @@ def test_the_largest_gain_is_an_eigenvalue_of_the_slope(monkeypatch, entries: in
     assert gain == pytest.approx(np.linalg.eigvals(slope).real.max(), rel=1e-5)
     assert free[at] and gain > 0.1
     assert largest_gain(assembly, D, sigma, ~inside, 0 * lam_N)[0] == -np.inf
+
+
+# --- closed forms ---------------------------------------------------------------------------------
+
+
+def start_of(**parameters) -> Slide:
+    made = scene("painleve", **parameters)
+    return slide_of(made, made.q0[0], made.v0[0])
+
+
+@pytest.mark.parametrize("angle", [0.3, 0.8, 1.1, 1.4])
+def test_the_gain_of_a_thin_rod(angle: float) -> None:
+    tangent = np.tan(angle)
+    gain = start_of(angle=angle, thickness=1e-6, mu=2.0).gain
+    assert gain == pytest.approx(6 * tangent / (4 + tangent**2), rel=1e-5)
+    assert start_of(angle=angle, slip=-1.0).gain == -start_of(angle=angle).gain
+
+
+def test_catching_stops_the_corner_within_the_cone_from_a_gain_of_one_on() -> None:
+    for mu in (1.2, 1.3, 1.4, 3.0):
+        slide = start_of(mu=mu, angle=STEEPEST)
+        x, y, omega = slide.v + slide.catch
+        corner = (x - omega * slide.arm[1], y + omega * slide.arm[0])
+        np.testing.assert_allclose(corner, 0.0, atol=1e-12)
+        tangential, normal, _ = slide.masses * slide.catch
+        assert normal > 0 and (abs(tangential) <= mu * normal) == (slide.gain >= 1)
+        assert slide.norm(slide.v + slide.catch) < slide.norm(slide.v)
+
+
+def test_growth_reaches_one_at_the_ends_of_its_interval() -> None:
+    assert growth(1.0) == pytest.approx(1.0, abs=1e-7)
+    assert growth(-1 / 3) == pytest.approx(1.0)
+    assert all(growth(gain) < 1 for gain in (-0.33, -0.1, 0.3, 0.99))
+    assert growth(1.2, "(4.3)") == 1.2 < growth(1.2)
+    assert rod_of_gain(-0.4).parameters["slip"] == -1.0
+
+
+# --- the study ------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def measured() -> Painleve:
+    """The study with fewer lengths, spins and tolerances."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("harness.painleve.STEPS", (1e-4, 1e-5, 1e-6, 1e-7))
+        patch.setattr("harness.painleve.GAINS", (-0.4, -0.3, 0.9, 1.2, 2.0))
+        patch.setattr("harness.painleve.APPROACHES", (2.0, 3.0))
+        patch.setattr("harness.painleve.TOLERANCES", (1e-3, 1e-4))
+        return measure_painleve(make_solver("lotstedt"))
+
+
+def test_the_first_step_does_not_blow_up(measured: Painleve) -> None:
+    for motions, part in measured.firsts.groupby("motions"):
+        paper = part[part["rule"] == "paper"]
+        np.testing.assert_allclose(
+            paper["jump"] / paper["h"], paper["jump"].iloc[0] / 1e-4, rtol=0.01
+        )
+        tight = part[(part["rule"] == "corrected") & (part["eps"] == 1e-9)]
+        if str(motions).startswith("none"):
+            np.testing.assert_allclose(tight["jump"], tight["catch"], rtol=1e-4)
+            assert tight["lam"].max() > 900 * tight["lam"].min()
+        else:
+            np.testing.assert_allclose(
+                tight["jump"] / tight["h"], tight["jump"].iloc[0] / 1e-4, rtol=0.01
+            )
+
+
+def test_lambda_grows_by_the_roots(measured: Painleve) -> None:
+    np.testing.assert_allclose(
+        measured.growths["measured"], measured.growths["by (4.2)"], rtol=1e-4
+    )
+    assert (measured.growths["steps"] >= 3).all()
+
+
+def test_both_rules_tend_to_the_impulse_without_a_collision(measured: Painleve) -> None:
+    for rule in ("paper", "corrected"):
+        runs = [run for run in measured.catches if run.rule == rule]
+        errors = np.array([run.error for run in runs])
+        assert (errors[1:] < 0.2 * errors[:-1]).all() and errors[-1] < 2e-5
+    steps = [run.end / run.h for run in measured.catches if run.rule == "paper"]
+    np.testing.assert_allclose(np.diff(steps), np.log(10) / np.log(growth(1.2)), rtol=0.05)
+
+
+def test_what_becomes_of_the_rod(measured: Painleve) -> None:
+    ends = measured.outcomes.set_index(["motions", "rule"])
+    assert ends.loc[("two", "paper"), "end"] == ends.loc[("two", "corrected"), "end"] == "drop"
+    for motions in ("none", "none, γ = 7.5", "none, two corners"):
+        assert ends.loc[(motions, "paper"), "end"] == "slip_to_stick"
+        assert ends.loc[(motions, "corrected"), "end"] == "jam"
+        assert ends.loc[(motions, "corrected"), "error"] < 1e-3
+    reported = measured.outcomes["reported"]
+    told = measured.outcomes["gain"] >= 1
+    np.testing.assert_allclose(reported[told], measured.outcomes["gain"][told], rtol=0.01)
+    assert reported[~told].isna().all()
+
+
+def test_no_motion_crosses_a_gain_of_one_where_it_would_be_lost(measured: Painleve) -> None:
+    """Beyond γ = 1 there is none while B < 0."""
+    for run in measured.approaches:
+        assert run.free[run.gain > 1.001].min(initial=0.0) > -0.05, (run.spin, run.eps)
+        assert run.lam < 100
+    spins = {run.spin: run.gain.max() for run in measured.approaches}
+    assert spins[2.0] < 0.99 < 1 < spins[3.0]
+
+
+def test_the_page_tells_it(measured: Painleve, tmp_path) -> None:
+    page = write_painleve(measured, tmp_path).read_text(encoding="utf-8")
+    assert "Nothing blows up" in page and "is decided by ε" in page
+    assert page.count("*How to read:*") == len(painleve_tables(measured)) == 5
+    assert (tmp_path / "painleve.png").stat().st_size > 20_000
+    firsts = (tmp_path / "painleve_first.csv").read_text(encoding="utf-8").splitlines()
+    assert len(firsts) == 1 + 5 * 3
+
+
+def test_simulate_tells_of_gains(capsys) -> None:
+    from rich.console import Console
+
+    print_run(Console(width=120), run_of(0.001))
+    told = capsys.readouterr().out
+    assert "events: 1 gain, 1 jam" in told
+    assert "gain of friction, body 1 and the ground: γ = 1.2" in told
