@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from harness.record import Progress
 from harness.slide import STEEPEST, growth, rod_of_gain, slide_of
@@ -44,6 +45,10 @@ GAINS = (-0.5, -0.4, -0.35, -0.3, -0.1, 0.1, 0.5, 0.9, 0.95, 1.05, 1.2, 1.5, 2.0
 """Gains whose growth per step is measured."""
 SHORT = 1e-7
 """Steps in which growth is measured [s]: the rod hardly turns in them."""
+FIXED_TIME = 1e-6
+"""Time over which growth is measured as h → 0 [s]."""
+FIXED_GAINS = (-0.4, 0.9, 1.05, 1.2)
+FIXED_STEPS = (4, 8, 16, 32)
 APPROACHES = (2.0, 2.5, 3.0, 3.25, 3.5)
 """Spins [rad/s] with which a rod rises towards γ = 1."""
 TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6)
@@ -88,24 +93,45 @@ def first_steps(solver: SolvesQPs, progress: Progress | None = None) -> pd.DataF
 # --- growth over a fixed time ---------------------------------------------------------------------
 
 
-def measured_growth(solver: SolvesQPs, gain: float, steps: int = 14) -> dict[str, float]:
-    """Growth per step of the error in λ, from runs with `friction="paper"`, beside the theory.
+class Errors(NamedTuple):
+    """A run by the paper's rule with constant steps, in which the rod slides all the time.
 
-    e_n = λ_n − λ with the λ of steady sliding at t_n; e_n = c₁ e_{n−1} + c₂ e_{n−2} is fitted where
-    (4.2) is in force and nothing is clipped at 0.  Theory: c₁ = 2γ, c₂ = −γ.
+    lam, steady : (n,) λ_N and that of steady sliding at the same state, after each step [N]
     """
-    made = rod_of_gain(gain, slip=100.0)
+
+    lam: Vector
+    steady: Vector
+
+    @property
+    def e(self) -> Vector:
+        """λ_n − λ."""
+        return self.lam - self.steady
+
+
+def errors_of(solver: SolvesQPs, gain: float, h: float, steps: int) -> Errors:
+    """λ beside that of steady sliding, in so many steps of h."""
+    made = rod_of_gain(gain, slip=1000.0)
     run = simulate(
-        made, solver, eps=1e-9, friction="paper", fixed_step=SHORT, until=steps * SHORT
+        made, solver, eps=1e-9, friction="paper", fixed_step=h, until=steps * h
     )  # fmt: skip
-    lam = np.array([_normal_force(run, i) for i in range(1, len(run.t))])
-    steady = np.array(
-        [slide_of(made, q[0], v[0]).steady for q, v in zip(run.q[1:], run.v[1:], strict=True)]
+    states = zip(run.q[1:, 0], run.v[1:, 0], strict=True)
+    return Errors(
+        np.array([_normal_force(run, i) for i in range(1, len(run.t))]),
+        np.array([slide_of(made, q, v).steady for q, v in states]),
     )
-    e = lam - steady
+
+
+def measured_growth(solver: SolvesQPs, gain: float, steps: int = 14) -> dict[str, float]:
+    """Growth per step of the error in λ beside the theory.
+
+    e_n = c₁ e_{n−1} + c₂ e_{n−2} is fitted where (4.2) is in force and nothing is clipped at 0.
+    Theory: c₁ = 2γ, c₂ = −γ.
+    """
+    found = errors_of(solver, gain, SHORT, steps)
+    lam, e = found.lam, found.e
     star = 2 * lam[1:-1] - lam[:-2]
     size = np.abs(e[1:-1]) + np.abs(e[:-2])
-    share = size / np.abs(steady[2:])
+    share = size / np.abs(found.steady[2:])
     whole = (lam[2:] > 0) & (star > 0) & (share > 1e-5) & (share < 1e3)
     kept = int(np.argmin(whole)) if not whole.all() else whole.size
     left = np.column_stack([e[1:-1], e[:-2]]) / size[:, None]
@@ -117,6 +143,33 @@ def measured_growth(solver: SolvesQPs, gain: float, steps: int = 14) -> dict[str
         "steps": kept,
         "measured": float(np.abs(np.roots([1.0, -first, -second])).max()),
     }
+
+
+def fixed_time(solver: SolvesQPs) -> pd.DataFrame:
+    """Growth of the error in λ over `FIXED_TIME`, as h → 0.
+
+    Columns: gain, steps, h, power |ζ|^(steps − 2); size of the last two errors over that of the
+    first two, predicted by the recurrence without clipping at 0, and measured; lam, the last [N].
+    """
+    rows = []
+    for gain in FIXED_GAINS:
+        for steps in FIXED_STEPS:
+            found = errors_of(solver, gain, FIXED_TIME / steps, steps)
+            theory = [1.0, gain]  # the second step is by (4.3)
+            for _ in range(steps - 2):
+                theory.append(gain * (2 * theory[-1] - theory[-2]))
+            rows.append(
+                {
+                    "gain": gain,
+                    "steps": steps,
+                    "h": FIXED_TIME / steps,
+                    "power": growth(gain) ** (steps - 2),
+                    "predicted": _amplified(theory),
+                    "measured": _amplified(found.e),
+                    "lam": float(found.lam[-1]),
+                }
+            )
+    return pd.DataFrame(rows)
 
 
 class Caught(NamedTuple):
@@ -236,6 +289,7 @@ class Painleve(NamedTuple):
 
     firsts: pd.DataFrame
     growths: pd.DataFrame
+    fixed: pd.DataFrame
     catches: list[Caught]
     outcomes: pd.DataFrame
     approaches: list[Approach]
@@ -251,6 +305,7 @@ def measure_painleve(solver: SolvesQPs, progress: Progress | None = None) -> Pai
     return Painleve(
         firsts=first_steps(solver, progress),
         growths=pd.DataFrame([measured_growth(solver, gain) for gain in GAINS]),
+        fixed=fixed_time(solver),
         catches=[caught(solver, h, rule) for rule in ("paper", "corrected") for h in STEPS],
         outcomes=outcomes(solver, progress),
         approaches=approaches,
@@ -282,6 +337,12 @@ def _reported(run: Run) -> float:
 def _normal_force(run: Run, i: int) -> float:
     """Σ λ_N [N] of the i-th state: the multipliers of a body on the ground, its friction last."""
     return float(sum([*run.multipliers[i].values()][:-1]))
+
+
+def _amplified(e: ArrayLike) -> float:
+    """Size of the last two over that of the first two."""
+    first, second, *_, before, last = np.asarray(e, float)
+    return float(np.hypot(before, last) / np.hypot(first, second))
 
 
 def _told(progress: Progress | None, what: str, number: int, count: int) -> None:

@@ -184,6 +184,18 @@ def test_lambda_grows_by_the_roots(measured: Painleve) -> None:
     assert (measured.growths["steps"] >= 3).all()
 
 
+def test_over_a_fixed_time_it_grows_without_limit_where_no_motion_exists(
+    measured: Painleve,
+) -> None:
+    fixed = measured.fixed[measured.fixed["gain"] > 1]
+    np.testing.assert_allclose(fixed["measured"], fixed["predicted"], rtol=1e-3)
+    for _, part in fixed.groupby("gain"):
+        more, power = np.diff(np.log(part["measured"])), np.diff(np.log(part["power"]))
+        np.testing.assert_allclose(more[1:], power[1:], rtol=0.1)
+    fades = measured.fixed[measured.fixed["gain"] == 0.9]
+    assert (fades["measured"] < 1).all()
+
+
 def test_both_rules_tend_to_the_impulse_without_a_collision(measured: Painleve) -> None:
     for rule in ("paper", "corrected"):
         runs = [run for run in measured.catches if run.rule == rule]
@@ -218,7 +230,7 @@ def test_no_motion_crosses_a_gain_of_one_where_it_would_be_lost(measured: Painle
 def test_the_page_tells_it(measured: Painleve, tmp_path) -> None:
     page = write_painleve(measured, tmp_path).read_text(encoding="utf-8")
     assert "Nothing blows up" in page and "is decided by ε" in page
-    assert page.count("*How to read:*") == len(painleve_tables(measured)) == 5
+    assert page.count("*How to read:*") == len(painleve_tables(measured)) == 6
     assert (tmp_path / "painleve.png").stat().st_size > 20_000
     firsts = (tmp_path / "painleve_first.csv").read_text(encoding="utf-8").splitlines()
     assert len(firsts) == 1 + 5 * 3
