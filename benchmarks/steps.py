@@ -35,7 +35,7 @@ import problems.stepper as stepper_module
 import problems.velocity as velocity_module
 from problems import scene
 from problems.assembly import Assembly
-from problems.constraint_graph import ConstraintGraph
+from problems.candidates import Candidates
 from problems.scenes import Scene
 from problems.sequence import QPSequence
 from problems.stepper import Stepper, StepperOptions
@@ -50,13 +50,13 @@ FAMILIES = (
 )
 STAGES = (
     ("qp", QPSequence, "solve"),
-    ("norm", velocity_module, "minimum_norm"),
+    ("norm", velocity_module, "least_norm"),
     ("norm", velocity_module, "surely_independent"),
     ("geometry", Assembly, "__init__"),
-    ("geometry", Assembly, "scaled"),
-    ("events", stepper_module, "first_hits"),
-    ("events", stepper_module, "edge_ends"),
-    ("events", ConstraintGraph, "note_clearances"),
+    ("geometry", Assembly, "laid_out"),
+    ("geometry", velocity_module, "scaled_matrix"),
+    ("events", stepper_module, "look_ahead"),
+    ("events", Candidates, "note_clearances"),
 )
 SHARES = ("qp", "norm", "geometry", "events")
 WARM_UP = 2

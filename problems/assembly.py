@@ -13,19 +13,26 @@ import numpy as np
 import scipy.sparse as sp
 
 from problems.constraint_graph import ConstraintGraph
-from problems.contact_kernels import column_speeds, column_sum, dense_columns, sparse_columns
+from problems.contact_kernels import (
+    column_speeds,
+    column_sum,
+    dense_columns,
+    gather_columns,
+    sparse_columns,
+)
 from problems.contacts import Columns, Pose
+from problems.friction_kernels import friction_bounds
+from problems.layout import Layout
 from problems.qp import Indices, Matrix, Vector
 
 DENSE_ENTRIES = 4_000
 """Matrices with more entries than this are kept sparse."""
-ALL = slice(None)
 
 
 class Assembly:
-    """Columns g_N and g_F of all active constraints at one position.
+    """Columns g_N and g_F of all active constraints at the position q (3n,).
 
-    normals, frictions : the vertices, in the order of row_id
+    active : `ActiveSet`;  normals, frictions : its vertices, in the order of row_id
     place : (N, 3) corner, part and edge of each normal
     columns : `Columns` of the normals, N rows
     friction_of : (N,) the friction that a normal bounds, or −1;  mu : (F,)
@@ -38,21 +45,17 @@ class Assembly:
         handed_over: Mapping[int, tuple[int, int, int]] | None = None,
         pose: Pose | None = None,
     ):
-        active = graph.active_set()
         geometry = self.geometry = graph.geometry
+        active = graph.active_set()
+        if handed_over:
+            active = active.carried_by(geometry, handed_over)
+        self.q, self.active = q, active
         self.pose: Pose = geometry.pose(q) if pose is None else pose
-        self.m = 3 * geometry.n_bodies
+        self.m = q.size
         self.normals, self.frictions = active.normals, active.frictions
         self.normal_ids, self.friction_ids = active.normal_ids, active.friction_ids
         self.friction_of, self.mu = active.friction_of, active.mu
         self.place: Indices = active.place
-        self._feature = active.feature
-        self._first = active.first
-        if handed_over:
-            self.place = self.place.copy()
-            for row_id, place in handed_over.items():
-                self.place[np.searchsorted(self.normal_ids, row_id)] = place
-            self._feature = geometry.features(self.place)
         self.columns: Columns = geometry.columns_at(self.pose, self.place)
 
     @property
@@ -76,29 +79,31 @@ class Assembly:
 
     def bound(self, lam_N: Vector) -> Vector:
         """μ Σ λ_N, the bound of each friction (F,)."""
-        total = np.zeros(self.mu.size)
-        bounding = self.friction_of >= 0
-        np.add.at(total, self.friction_of[bounding], lam_N[bounding])
-        return self.mu * total
+        return friction_bounds(self.friction_of, self.mu, lam_N)
 
     # --- matrices --------------------------------------------------------------------------------
 
     @cached_property
     def _tangents(self) -> tuple[Vector, Indices]:
         """Entries (F, 6) of g_F and their bodies (F, 2)."""
-        return self.columns.tangent[self._first], self.columns.bodies[self._first]
+        first = self.active.first
+        return self.columns.tangent[first], self.columns.bodies[first]
 
-    def scaled(
-        self, normals: Indices, frictions: Indices, D: Vector, order: Indices | slice = ALL
-    ) -> Matrix:
-        """D⁻ᵀ[G_N, G_F] of these normals and frictions, in `order`, dense unless it is large.
+    def laid_out(self, layout: Layout) -> tuple[Vector, Indices]:
+        """Entries (k, 6) and bodies (k, 2) of the QP's columns."""
+        columns = self.columns
+        if layout.k == layout.normal_column.size:  # normals alone are in the order of row_id
+            return columns.normal, columns.bodies
+        return gather_columns(
+            columns.normal, columns.tangent, columns.bodies, layout.row, layout.tangential
+        )
 
-        Entries that happen to be 0 stay in the pattern, which is that of the contact graph.
-        """
+    def scaled(self, normals: Indices, frictions: Indices, D: Vector) -> Matrix:
+        """D⁻ᵀ[G_N, G_F] of these normals and frictions, see `scaled_matrix`."""
         tangent, bodies = self._tangents
         entries = np.concatenate([self.columns.normal[normals], tangent[frictions]])
         bodies = np.concatenate([self.columns.bodies[normals], bodies[frictions]])
-        return _matrix(entries[order], bodies[order], D)
+        return scaled_matrix(entries, bodies, D)
 
     @cached_property
     def G_N(self) -> sp.csc_array:
@@ -117,18 +122,16 @@ class Assembly:
         shape = (len(self.frictions), len(self.normals))
         return sp.csr_array((np.ones(normal.size), (self.friction_of[normal], normal)), shape=shape)
 
-    def features(self, frictions: Indices, order: Indices) -> Indices:
-        """`ContactQP.feature` of all normals and the given frictions, in `order`."""
-        tangential = self._feature[self._first[frictions]]
-        tangential[:, 4] = 1
-        return np.concatenate([self._feature, tangential])[order]
-
 
 def _sparse(entries: Vector, bodies: Indices, D: Vector) -> sp.csc_array:
     return sp.csc_array(sparse_columns(entries, bodies, D), shape=(D.size, len(bodies)))
 
 
-def _matrix(entries: Vector, bodies: Indices, D: Vector) -> Matrix:
+def scaled_matrix(entries: Vector, bodies: Indices, D: Vector) -> Matrix:
+    """D⁻ᵀ G of columns with these entries (k, 6) and bodies (k, 2), dense unless it is large.
+
+    Entries that happen to be 0 stay in the pattern, which is that of the contact graph.
+    """
     if D.size * len(bodies) <= DENSE_ENTRIES:
         return dense_columns(entries, bodies, D)
     return _sparse(entries, bodies, D)

@@ -54,9 +54,6 @@ def kernel_decorator(sources: Sequence[Path]) -> Callable[[Any], Any]:
     return kernel
 
 
-kernel = kernel_decorator(
-    [
-        Path(__file__),
-        *(Path(__file__).with_name(f"{name}.py") for name in ("contact_kernels", "dips")),
-    ]
-)
+SOURCES = ("contact_kernels.py", "dips.py", "step_kernels.py", "friction_kernels.py")
+
+kernel = kernel_decorator([Path(__file__), *(Path(__file__).with_name(name) for name in SOURCES)])

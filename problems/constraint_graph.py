@@ -6,41 +6,35 @@ constraint one reaches its contact, from a contact its bodies and constraints, f
 contacts.  Insertion and deletion touch only the vertices concerned.  Whatever order matters for a
 recording is the order of `row_id`, given once and never reused.
 
-Candidates are the pairs (corner, part) that are near but not active, φ > 0 in the paper's words.
-They are found by the broad phase, with a margin, so that the list stays valid until something has
-moved by half of it.  A candidate may carry a *reference level*: where a contact was dropped with
-φ < 0 (drift is proportional to ε), the corner collides on φ − level, else it would never do so.
+What is near but not active is in `problems.candidates`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
+from problems.candidates import Candidates
 from problems.contacts import PARALLEL_SINE, Geometry, Pose
+from problems.layout import Layout
 from problems.qp import Indices, Vector
 from problems.shapes import cross
 
-FORGET_LEVEL = 1e-6
-"""A reference level is forgotten once the corner is this far outside [m]."""
-ROUNDING = 1e-12
-"""A gap that closes by less than this has not changed [m]."""
+NO_LAM = (0.0, 0.0)
 
 
 @dataclass(eq=False)
 class Normal:
-    """A contact constraint φ ≥ 0 with its multiplier at the last two time points."""
+    """A contact constraint φ ≥ 0."""
 
     row_id: int
     corner: int
     part: int
     edge: int
     contact: Contact = field(repr=False)
-    lam: float = 0.0
-    lam_before: float = 0.0
 
     @property
     def place(self) -> tuple[int, int, int]:
@@ -75,6 +69,8 @@ class ActiveSet(NamedTuple):
     place : (N, 3) corner, part, edge;  feature : (N, 5), see `ContactQP`
     friction_of : (N,) index of the friction that a normal bounds, or −1
     first : (F,) index of the first normal of a friction's contact;  mu : (F,)
+    lam : (2, N) the multipliers of the last two time points, newest first; 0 before there were any
+    layouts : the `Layout` of each set of sticking frictions that a QP has been posed with
     """
 
     normals: list[Normal]
@@ -86,10 +82,34 @@ class ActiveSet(NamedTuple):
     friction_of: Indices
     first: Indices
     mu: Vector
+    lam: Vector
+    layouts: dict[bytes, Layout]
+
+    def layout(self, signs: Vector) -> Layout:
+        """Columns of the QP with the frictions that stick, s = 0 in `signs` (F,)."""
+        sticks = signs == 0
+        key = sticks.tobytes()
+        if key not in self.layouts:
+            self.layouts[key] = Layout(
+                self.normal_ids, self.friction_ids, self.feature, self.first, sticks
+            )
+        return self.layouts[key]
+
+    def carried_by(
+        self, geometry: Geometry, handed_over: Mapping[int, tuple[int, int, int]]
+    ) -> ActiveSet:
+        """The same constraints, some {row_id: (corner, part, edge)} of them at another place."""
+        place = self.place.copy()
+        for row_id, where in handed_over.items():
+            place[np.searchsorted(self.normal_ids, row_id)] = where
+        return self._replace(place=place, feature=geometry.features(place), layouts={})
 
 
 class ConstraintGraph:
-    """Active constraints J_N, J_FO, J_FW and the candidates around them."""
+    """Active constraints J_N, J_FO, J_FW and the candidates around them.
+
+    candidates : `Candidates`, of which those are free that are not in J_N
+    """
 
     def __init__(self, geometry: Geometry, mu_of: Callable[[int, int], float]):
         self.geometry = geometry
@@ -98,15 +118,20 @@ class ConstraintGraph:
         self.of_pair: dict[tuple[int, int], list[Contact]] = {}
         self.normals: dict[int, Normal] = {}
         self.frictions: dict[int, Friction] = {}
-        self.level: dict[tuple[int, int], float] = {}
+        self.candidates = Candidates(geometry)
         self._next_row_id = 0
         self._active: ActiveSet | None = None
-        self._margin = 0.25 / 1e-3 * geometry.contact_tol
-        self._listed_at: Vector | None = None
-        self._candidates = (np.zeros(0, np.int64), np.zeros(0, np.int64))
-        self._free: tuple[ActiveSet, Indices, Indices] | None = None
+        self._lam: dict[int, list[float]] = {}
 
     # --- constraints -----------------------------------------------------------------------------
+
+    def _change(self) -> None:
+        """J_N or J_F is about to be another: keep the multipliers by row_id."""
+        if self._active is not None:
+            self._lam = dict(
+                zip(self._active.normal_ids.tolist(), self._active.lam.T.tolist(), strict=True)
+            )
+            self._active = None
 
     def _new_row_id(self) -> int:
         self._next_row_id += 1
@@ -155,18 +180,18 @@ class ConstraintGraph:
         if contact.mu > 0 and contact.friction is None:
             contact.friction = Friction(self._new_row_id(), contact)
             self.frictions[contact.friction.row_id] = contact.friction
-        self.level.pop((corner, part), None)
-        self._active = None
+        self.candidates.set_level(corner, part, 0.0)
+        self._change()
         return normal
 
     def remove(self, normal: Normal, clearance: float) -> None:
         """Deactivate a constraint; the corner's reference level becomes min(0, clearance)."""
         contact = normal.contact
-        self._active = None
+        self._change()
         contact.normals.remove(normal)
         del self.normals[normal.row_id]
         if clearance < 0:
-            self.level[normal.corner, normal.part] = clearance
+            self.candidates.set_level(normal.corner, normal.part, clearance)
         if contact.normals:
             return
         if contact.friction is not None:
@@ -180,7 +205,12 @@ class ConstraintGraph:
     def hand_over(self, normal: Normal, place: tuple[int, int, int]) -> None:
         """Let another corner and edge carry a constraint."""
         normal.corner, normal.part, normal.edge = place
-        self._active = None
+        self._change()
+
+    def note_multipliers(self, lam_N: Vector) -> None:
+        """Keep λ_N (N,) of a new time point beside that of the last."""
+        lam = self.active_set().lam
+        lam[1], lam[0] = lam[0], lam_N
 
     def active(self) -> list[Normal]:
         """J_N in the order of row_id."""
@@ -212,91 +242,9 @@ class ConstraintGraph:
                 first=np.array(
                     [index[f.contact.normals[0].row_id] for f in frictions], dtype=np.int64
                 ),
-                mu=np.array([f.contact.mu for f in frictions]),
+                mu=np.array([f.contact.mu for f in frictions], dtype=np.float64),
+                lam=np.array([self._lam.get(i, NO_LAM) for i in index]).reshape(-1, 2).T.copy(),
+                layouts={},
             )
+            self.candidates.occupy(place)
         return self._active
-
-    # --- candidates ------------------------------------------------------------------------------
-
-    def candidates(self, before: Vector, after: Vector) -> tuple[Indices, Indices]:
-        """Corners and parts (N,), (N,) that may touch on the way from q `before` to q `after`.
-
-        Active constraints are left out.  The list of the broad phase is kept until a body has moved
-        by half its margin.
-        """
-        moved = self._largest_motion(self._listed_at, after)
-        if not moved <= self._margin / 2:
-            reach = max(self._margin, 2.5 * self._largest_motion(before, after))
-            self._list_candidates(before, reach)
-        active = self.active_set()
-        if self._free is None or self._free[0] is not active:
-            corner, part = self._candidates
-            parts = len(self.geometry.part_body)
-            busy = active.place[:, 0] * parts + active.place[:, 1]
-            free = ~np.isin(corner * parts + part, busy)
-            self._free = active, corner[free], part[free]
-        return self._free[1:]
-
-    def listed(self, q: Vector) -> tuple[Indices, Indices, Vector, float]:
-        """The candidates at q, where they were listed, and how far from there they hold [m].
-
-        The list is made anew where more than half of that is used up.
-        """
-        if not self._largest_motion(self._listed_at, q) <= self._margin / 4:
-            self._list_candidates(q, self._margin)
-        corner, part = self.candidates(q, q)
-        assert self._listed_at is not None
-        return corner, part, self._listed_at, self._margin / 2
-
-    def levels(self, corner: Indices, part: Indices) -> Vector:
-        """Reference level of each candidate, (N,) ≤ 0."""
-        levels = np.zeros(corner.size)
-        if self.level:
-            known, parts = np.array(list(self.level)), len(self.geometry.part_body)
-            key, wanted = known[:, 0] * parts + known[:, 1], corner * parts + part
-            order = np.argsort(key)
-            at = order[np.minimum(np.searchsorted(key, wanted, sorter=order), key.size - 1)]
-            levels = np.where(key[at] == wanted, np.array(list(self.level.values()))[at], 0.0)
-        return levels
-
-    def set_levels(self, corner: Indices, part: Indices, level: Vector) -> None:
-        """Reference levels (N,) ≤ 0 of candidates; one of 0 is forgotten."""
-        for i in np.flatnonzero(self.levels(corner, part) != level):
-            if level[i] < 0:
-                self.level[int(corner[i]), int(part[i])] = float(level[i])
-            else:
-                del self.level[int(corner[i]), int(part[i])]
-
-    def note_clearances(self, corner: Indices, part: Indices, clearance: Vector) -> None:
-        """Follow corners that were let in without a contact: their levels sink with them."""
-        level = self.levels(corner, part)
-        forgotten = (level < 0) & (clearance > FORGET_LEVEL)
-        for i in np.flatnonzero(forgotten | (clearance < level - ROUNDING)):
-            if forgotten[i]:
-                del self.level[int(corner[i]), int(part[i])]
-            else:
-                self.level[int(corner[i]), int(part[i])] = float(clearance[i])
-
-    def _largest_motion(self, before: Vector | None, after: Vector) -> float:
-        if before is None:
-            return np.inf
-        step = np.abs((after - before).reshape(-1, 3))
-        return float((np.hypot(step[:, 0], step[:, 1]) + self.geometry.radius * step[:, 2]).max())
-
-    def _list_candidates(self, q: Vector, margin: float) -> None:
-        geometry = self.geometry
-        pose = geometry.pose(q)
-        corners, parts = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-        for p, r in geometry.near_pairs(pose, margin):
-            for one, other in ((p, r), (r, p)):
-                first, size = geometry.part_first[one], geometry.part_size[one]
-                corners.append(np.arange(first, first + size))
-                parts.append(np.full(size, other))
-        corner, part = np.concatenate(corners), np.concatenate(parts)
-        if corner.size:
-            near = geometry.clearance(pose, corner, part) <= margin
-            corner, part = corner[near], part[near]
-        self._candidates = (corner, part)
-        self._free = None
-        self._listed_at = q
-        self.level = {pair: level for pair, level in self.level.items() if level < 0}

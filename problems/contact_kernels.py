@@ -85,11 +85,13 @@ def clearance_on_path(
 
 @kernel
 def contact_columns(
-    corners, centres, cosine, sine, places, corner_body, part_body, normal, offset, start
+    corners, centres, cosine, sine, places, corner_body, part_body, normal, offset, start, length
 ):
-    """φ, along (N,), g_N, g_F (N, 6), bodies (N, 2), τ (N, 2) of places (N, 3)."""
+    """`Columns` of places (N, 3): φ, g_N, g_F (N, 6), bodies (N, 2), point (N, 2), along, length,
+    τ (N, 2)."""
     count = places.shape[0]
-    phi, along = np.empty(count), np.empty(count)
+    phi, along, lengths = np.empty(count), np.empty(count), np.empty(count)
+    point = np.empty((count, 2))
     g_N, g_F = np.empty((count, 6)), np.empty((count, 6))
     bodies, direction = np.empty((count, 2), dtype=np.int64), np.empty((count, 2))
     for i in range(count):
@@ -102,13 +104,15 @@ def contact_columns(
         bx, by = corners[corner, 0] - centres[b, 0], corners[corner, 1] - centres[b, 1]
         phi[i] = nx * bx + ny * by - offset[p, e]
         along[i] = nx * by - ny * bx - start[p, e]
+        lengths[i] = length[p, e]
+        point[i, 0], point[i, 1] = corners[corner, 0], corners[corner, 1]
         g_N[i, 0], g_N[i, 1], g_N[i, 2] = nx, ny, ax * ny - ay * nx
         g_N[i, 3], g_N[i, 4], g_N[i, 5] = -nx, -ny, by * nx - bx * ny
         g_F[i, 0], g_F[i, 1], g_F[i, 2] = -ny, nx, ax * nx + ay * ny
         g_F[i, 3], g_F[i, 4], g_F[i, 5] = ny, -nx, -bx * nx - by * ny
         bodies[i, 0], bodies[i, 1] = a, b
         direction[i, 0], direction[i, 1] = -ny, nx
-    return phi, along, g_N, g_F, bodies, direction
+    return phi, g_N, g_F, bodies, point, along, lengths, direction
 
 
 @kernel
@@ -168,6 +172,20 @@ def column_sum(entries, bodies, weights, m):
                 for j in range(3):
                     total[3 * b + j] += entries[i, 3 * side + j] * weights[i]
     return total
+
+
+@kernel
+def gather_columns(normal, tangent, bodies, row, tangential):
+    """Entries (k, 6) and bodies (k, 2) of the columns that are g_F or g_N of these rows."""
+    entries = np.empty((row.size, 6))
+    where = np.empty((row.size, 2), dtype=np.int64)
+    for c in range(row.size):
+        i = row[c]
+        source = tangent if tangential[c] else normal
+        for j in range(6):
+            entries[c, j] = source[i, j]
+        where[c, 0], where[c, 1] = bodies[i, 0], bodies[i, 1]
+    return entries, where
 
 
 @kernel

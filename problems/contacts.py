@@ -124,6 +124,10 @@ class Geometry:
         finite = self.edge_length[np.isfinite(self.edge_length) & (self.edge_length > 0)]
         self.contact_tol = CONTACT_TOL * (float(finite.min()) if finite.size else 1.0)
         self.radius = np.array([body.radius for body in bodies])
+        self.tables = (
+            *(self.corner_body, self.corner_local, self.part_body),
+            *(self.edge_normal, self.edge_offset, self.edge_start, self.edge_length),
+        )
 
     def pose(self, q: Vector) -> Pose:
         """Place everything at q (3n,)."""
@@ -153,18 +157,14 @@ class Geometry:
 
     def columns_at(self, pose: Pose, places: Indices) -> Columns:
         """The same for places (N, 3): corner, part, edge."""
-        phi, along, normal, tangent, bodies, direction = contact_columns(
-            *pose,
-            places,
-            self.corner_body,
-            self.part_body,
-            self.edge_normal,
-            self.edge_offset,
-            self.edge_start,
+        return Columns(
+            *contact_columns(
+                *pose,
+                places,
+                *(self.corner_body, self.part_body),
+                *(self.edge_normal, self.edge_offset, self.edge_start, self.edge_length),
+            )
         )
-        length = self.edge_length[places[:, 1], places[:, 2]]
-        point = pose.corners[places[:, 0]]
-        return Columns(phi, normal, tangent, bodies, point, along, length, direction)
 
     def depth_below(self, pose: Pose, part: int, edge: int, other: int) -> float:
         """min over the corners of part `other` of φ against one edge: > 0 if the edge separates."""

@@ -118,48 +118,56 @@ def _curvature_bound(q, velocity, curvature, h, a, b, radius):
 
 
 @kernel
+def first_dip(q, velocity, curvature, h, a, b, local, normal, offset, floor, phi, right, left):
+    """Start and end of the stretch at whose end one corner, of body a, is below its floor; inf.
+
+    local : (2,) the corner in its body;  normal, offset : the edges of the part, of body b
+    phi (MAX_HALVINGS + 2, E), right (MAX_HALVINGS + 2,), left (E,) : scratch
+    """
+    edges = offset.size
+    bend = _curvature_bound(q, velocity, curvature, h, a, b, np.hypot(local[0], local[1]))
+    level = floor - SHALLOW
+    start, top = 0.0, 0
+    right[0] = h
+    _edge_distances(q, velocity, curvature, 0.0, a, b, local, normal, offset, left)
+    _edge_distances(q, velocity, curvature, h, a, b, local, normal, offset, phi[0])
+    if phi[0].max() < level:
+        return 0.0, h
+    while top >= 0:
+        length = right[top] - start
+        sag = bend * length * length / 8
+        free = False
+        for e in range(edges):
+            if min(left[e], phi[top, e]) - sag >= level:
+                free = True
+                break
+        if free or top == MAX_HALVINGS:
+            start = right[top]
+            left[:] = phi[top]
+            top -= 1
+            continue
+        middle = start + length / 2
+        top += 1
+        right[top] = middle
+        _edge_distances(q, velocity, curvature, middle, a, b, local, normal, offset, phi[top])
+        if phi[top].max() < level:
+            return start, middle
+    return np.inf, np.inf
+
+
+@kernel
 def find_dips(
     q, velocity, curvature, h, corner, part, floor, corner_body, local, part_body, normal, offset
 ):
     """The same as `dips` from arrays: those of a path, and those of a geometry."""
     count, edges = corner.size, offset.shape[1]
-    starts, ends = np.full(count, np.inf), np.full(count, np.inf)
+    starts, ends = np.empty(count), np.empty(count)
     phi = np.empty((MAX_HALVINGS + 2, edges))
-    right = np.empty(MAX_HALVINGS + 2)
-    left = np.empty(edges)
+    right, left = np.empty(MAX_HALVINGS + 2), np.empty(edges)
     for i in range(count):
         p, c = part[i], corner[i]
-        a, b = corner_body[c], part_body[p]
-        radius = np.hypot(local[c, 0], local[c, 1])
-        bend = _curvature_bound(q, velocity, curvature, h, a, b, radius)
-        level = floor[i] - SHALLOW
-        start, top = 0.0, 0
-        right[0] = h
-        _edge_distances(q, velocity, curvature, 0.0, a, b, local[c], normal[p], offset[p], left)
-        _edge_distances(q, velocity, curvature, h, a, b, local[c], normal[p], offset[p], phi[0])
-        if phi[0].max() < level:
-            starts[i], ends[i] = 0.0, h
-            continue
-        while top >= 0:
-            length = right[top] - start
-            sag = bend * length * length / 8
-            free = False
-            for e in range(edges):
-                if min(left[e], phi[top, e]) - sag >= level:
-                    free = True
-                    break
-            if free or top == MAX_HALVINGS:
-                start = right[top]
-                left[:] = phi[top]
-                top -= 1
-                continue
-            middle = start + length / 2
-            top += 1
-            right[top] = middle
-            _edge_distances(
-                q, velocity, curvature, middle, a, b, local[c], normal[p], offset[p], phi[top]
-            )
-            if phi[top].max() < level:
-                starts[i], ends[i] = start, middle
-                break
+        starts[i], ends[i] = first_dip(
+            *(q, velocity, curvature, h, corner_body[c], part_body[p], local[c]),
+            *(normal[p], offset[p], floor[i], phi, right, left),
+        )
     return starts, ends

@@ -9,21 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
 
-from problems.constraint_graph import ROUNDING, ConstraintGraph, Normal
+from problems.constraint_graph import ConstraintGraph, Normal
 from problems.contact_kernels import column_speeds
 from problems.contacts import Columns, Geometry, Pose
 from problems.dips import dips, floors
 from problems.multistep import Path
 from problems.qp import Vector
+from problems.step_kernels import END_SLACK, ROUNDING, arrive
 
 SAME_TIME = 1e-9
 """Events within this many seconds of each other are simultaneous."""
-END_SLACK = 1e-6
-"""How far a corner may pass the end of its edge before it has left it, per edge length."""
 TOUCH_TOL = 1e-7
 """A corner within this distance of a part touches it [m]."""
 
@@ -44,6 +44,46 @@ class SlideOff:
 
     h: float
     normal: Normal
+
+
+class Arrival(NamedTuple):
+    """The end of a path, at step length h.
+
+    q (3n,), pose : where everything is then;  clearance (L,) : of all `Candidates`
+    handed_over : {row_id: (corner, part, edge)} of the constraints that another corner carries then
+    """
+
+    h: float
+    q: Vector
+    pose: Pose
+    clearance: Vector
+    handed_over: dict[int, tuple[int, int, int]]
+
+
+def look_ahead(
+    graph: ConstraintGraph, path: Path, h: float, slowest: float
+) -> tuple[Arrival, list[Hit], list[SlideOff]]:
+    """The end of the path at h, and the earliest collisions and losses of support within it.
+
+    One compiled pass over all constraints and candidates says whether there is anything to look at.
+    """
+    geometry, near, active = graph.geometry, graph.candidates, graph.active_set()
+
+    def at_the_end() -> tuple:
+        return arrive(
+            *(path.start, path.velocity, path.curvature, h, near.listed_at, geometry.radius),
+            *(near.corner, near.part, near.level, near.free, active.place),
+            *geometry.tables,
+        )
+
+    q, corners, centres, cosine, sine, clearance, moved, hit, ended = at_the_end()
+    if near.outdated(moved):
+        near.cover(path.start, q, active.place)
+        q, corners, centres, cosine, sine, clearance, moved, hit, ended = at_the_end()
+    pose = Pose(corners, centres, cosine, sine)
+    handed_over, losses = edge_ends(graph, path, h, pose) if ended else ({}, [])
+    hits = first_hits(graph, path, h, clearance, slowest) if hit else []
+    return Arrival(h, q, pose, clearance, handed_over), hits, losses
 
 
 def locate_zero(function: Callable[[float], float], h: float, f0: float, f1: float) -> float:
@@ -67,20 +107,22 @@ def _approach_speed(
     return float(column_speeds(columns.normal, columns.bodies, v)[0])
 
 
-def first_hits(graph: ConstraintGraph, path: Path, h: float, slowest: float) -> list[Hit]:
+def first_hits(
+    graph: ConstraintGraph, path: Path, h: float, clearance: Vector, slowest: float
+) -> list[Hit]:
     """The earliest collisions along the path within h; several if simultaneous, sorted.
 
     A candidate collides when its clearance falls below its reference level, or almost to it, be it
     for a part of the step only (`problems.dips`), unless an active contact makes it redundant there
     or the parts are not approaching (faster than `slowest`) along the normal of the edge concerned.
+
+    clearance : (L,) of all candidates at path(h)
     """
-    geometry = graph.geometry
-    corner, part = graph.candidates(path.start, path(h))
-    if corner.size == 0:
-        return []
-    level = graph.levels(corner, part)
+    geometry, near = graph.geometry, graph.candidates
+    there = np.flatnonzero(near.free)
+    corner, part, level = near.corner[there], near.part[there], near.level[there]
     before = geometry.clearance(geometry.pose(path.start), corner, part) - level
-    after = geometry.clearance(geometry.pose(path(h)), corner, part) - level
+    after = clearance[there] - level
     ends_inside = after < np.minimum(0.0, before) - ROUNDING
     floor = floors(before + level, level)
     dip_start, dip_end = dips(geometry, path, h, corner, part, floor)
@@ -131,18 +173,15 @@ def _entry(gap: Callable[[float], float], start: float, end: float) -> float:
 
 
 def edge_ends(
-    graph: ConstraintGraph, path: Path, h: float
+    graph: ConstraintGraph, path: Path, h: float, pose: Pose
 ) -> tuple[dict[int, tuple[int, int, int]], list[SlideOff]]:
-    """Active corners that pass an end of their edge within h.
+    """Active corners that pass an end of their edge within h; `pose` is that of path(h).
 
     Returns what is handed over at q(h), {row_id: (corner, part, edge)}, and the earliest losses of
     support.
     """
     geometry = graph.geometry
     active = graph.active_set()
-    if not active.normals:
-        return {}, []
-    pose = geometry.pose(path(h))
     columns = geometry.columns_at(pose, active.place)
     slack = END_SLACK * columns.length
     handed_over, losses = {}, []
@@ -173,16 +212,16 @@ def touching(graph: ConstraintGraph, q: Vector, v: Vector, slowest: float) -> li
     Of coincident corners (two boxes whose sides are flush) the one that is, or is moving, further
     inside the other's edge comes first, so that it is the one that becomes active.
     """
-    geometry = graph.geometry
-    corner, part = graph.candidates(q, q)
-    if corner.size == 0:
-        return []
+    geometry, near = graph.geometry, graph.candidates
+    near.cover(q, q, graph.active_set().place)
     pose = geometry.pose(q)
-    gap = geometry.clearance(pose, corner, part) - graph.levels(corner, part)
-    near = np.flatnonzero(np.abs(gap) <= TOUCH_TOL)
+    gap = geometry.clearance(pose, near.corner, near.part) - near.level
+    there = np.flatnonzero(near.free & (np.abs(gap) <= TOUCH_TOL))
+    if there.size == 0:
+        return []
     places = [
         (c, p, geometry.hit_edge(pose, c, p))
-        for c, p in zip(corner[near].tolist(), part[near].tolist(), strict=True)
+        for c, p in zip(near.corner[there].tolist(), near.part[there].tolist(), strict=True)
     ]
     columns = geometry.columns_at(pose, np.array(places, dtype=np.int64).reshape(-1, 3))
     approach = column_speeds(columns.normal, columns.bodies, v)

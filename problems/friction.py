@@ -27,7 +27,8 @@ import scipy.sparse as sp
 
 from problems.assembly import Assembly
 from problems.contact_kernels import compliances
-from problems.qp import Indices, Vector
+from problems.layout import Layout
+from problems.qp import Vector
 
 FrictionRule = Literal["paper", "corrected"]
 
@@ -37,11 +38,8 @@ SPRING = 2.0
 
 def predicted_multipliers(assembly: Assembly, known: int, w: float) -> Vector:
     """λ_* (N,) by (4.3) with one known time point, by (4.2) with two; w = h_n/h_{n−1}."""
-    lam = np.array([normal.lam for normal in assembly.normals])
-    if known >= 2:
-        before = np.array([normal.lam_before for normal in assembly.normals])
-        lam = lam + w * (lam - before)
-    return np.maximum(lam, 0.0)
+    lam, before = assembly.active.lam
+    return np.maximum(lam + w * (lam - before) if known >= 2 else lam, 0.0)
 
 
 def spring_multipliers(
@@ -61,32 +59,21 @@ def spring_multipliers(
     return np.maximum(0.0, -SPRING / (h * h * compliance) * (then - now))
 
 
-def force_change(
-    assembly: Assembly, sliding: Vector, stuck: Vector, bound: Vector, new_bound: Vector
-) -> Vector:
-    """How far each friction multiplier would move under the new bounds μ Σ λ_N.  (F,)
+def coulomb_rows(assembly: Assembly, layout: Layout) -> sp.csr_array:
+    """Rows C with C λ ≥ 0 ⇔ |λ_F| ≤ μ Σ λ_N of the sticking contacts, for (4.8); λ as laid out.
 
-    sliding : (F,) sign s of a sliding contact, 0 of a sticking one
-    stuck : (F,) λ_F of the QP where sticking
-    bound, new_bound : (F,) μ Σ λ_* before, infinite where it sticks whatever the load, and after
-
-    A sliding force moves with its bound; a sticking one only where it is at the old bound or
-    beyond the new one.
+    They are made once for a layout and its μ.
     """
-    step = new_bound - np.where(np.isinf(bound), 0.0, bound)
-    at_bound = np.abs(stuck) >= bound * (1 - 1e-12)
-    sticking = np.where(at_bound, step, np.minimum(0.0, new_bound - np.abs(stuck)))
-    return np.where(sliding != 0, sliding * step, np.where(stuck < 0, -sticking, sticking))
+    key = assembly.mu.tobytes()
+    if key not in layout.cones:
+        layout.cones[key] = _cones(assembly, layout)
+    return layout.cones[key]
 
 
-def coulomb_rows(assembly: Assembly, sticking: Indices, order: Indices) -> sp.csr_array:
-    """Rows C with C λ ≥ 0 ⇔ |λ_F| ≤ μ Σ λ_N of the sticking contacts, for (4.8).
-
-    sticking : indices of the frictions that are columns of the QP;  order : the QP's columns among
-    [normals, sticking frictions].
-    """
+def _cones(assembly: Assembly, layout: Layout) -> sp.csr_array:
+    sticking = layout.sticking
     count = len(sticking)
     cone = assembly.members[sticking] * assembly.mu[sticking][:, None]
     one = sp.eye_array(count, format="csr")
     C = sp.vstack([sp.hstack([cone, -one]), sp.hstack([cone, one])], format="csr")
-    return C[:, order]
+    return C[:, layout.order]

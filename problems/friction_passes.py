@@ -23,26 +23,15 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, eigs, splu
 
 from problems.assembly import Assembly
+from problems.friction_kernels import AT_BOUND, forced_signs
 from problems.qp import Indices, Matrix, Vector
 
 RIDGE = 1e-12
 """Fraction of the largest ‖a_j‖² added to the diagonal where contacts are redundant."""
-AT_BOUND = 1e-9
-"""Relative distance from its bound at which a friction force is at it."""
-
-
-def forced_signs(signs: Vector, lam_F: Vector, bound: Vector, slip: Vector) -> Vector:
-    """σ (F,): the sign of a friction force that is proportional to λ_*, 0 where it is not.
-
-    signs : s of a sliding contact, 0 of a sticking one;  lam_F, bound : λ_F and μ Σ λ_*
-    slip : g_Fᵀq̇ up to a positive factor, for the contacts without a load, where λ_F = ± 0
-    """
-    at_bound = np.abs(lam_F) >= bound * (1 - AT_BOUND)
-    pushing = np.where(lam_F != 0, np.sign(lam_F), -np.sign(slip))
-    return np.where(signs != 0, signs, np.where(at_bound, pushing, 0.0))
 
 
 def newton_multipliers(
@@ -74,7 +63,7 @@ def newton_multipliers(
 
 
 def largest_gain(
-    assembly: Assembly, D: Vector, sigma: Vector, forced: Vector, lam_N: Vector
+    assembly: Assembly, D: Vector, sigma: Vector, forced: NDArray[np.bool_], lam_N: Vector
 ) -> tuple[float, int]:
     """The largest eigenvalue of λ_N'(λ_*), by its real part, and the normal that weighs most in it.
 

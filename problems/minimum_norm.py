@@ -106,8 +106,11 @@ def minimum_norm(qps: QPSequence, qp: ContactQP, x: Vector, coulomb: sp.csr_arra
 
     coulomb : (p, k) sparse rows C with C λ ≥ 0 to be kept as well, or None.
     """
-    if surely_independent(qp.A):
-        return x
+    return x if surely_independent(qp.A) else least_norm(qps, qp, x, coulomb)
+
+
+def least_norm(qps: QPSequence, qp: ContactQP, x: Vector, coulomb: sp.csr_array | None) -> Vector:
+    """`minimum_norm` of an A that is not `surely_independent`."""
     if sp.issparse(qp.A) and qp.k >= MANY_COLUMNS:
         return ridge_minimum_norm(qps, qp, x, coulomb)
     movable = qp.lower < qp.upper  # fixed rows would be two opposite inequalities

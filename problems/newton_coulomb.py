@@ -18,10 +18,10 @@ from __future__ import annotations
 import copy
 
 import numpy as np
-import scipy.sparse as sp
 
-from problems.assembly import Assembly, scaled_columns
-from problems.friction import coulomb_rows, force_change
+from problems.assembly import Assembly, scaled_matrix
+from problems.friction import coulomb_rows
+from problems.friction_kernels import force_change
 from problems.friction_passes import newton_multipliers
 from problems.minimum_norm import minimum_norm
 from problems.qp import Vector
@@ -50,35 +50,36 @@ def newton_coulomb_impulse(
     """
     hit = copy.copy(assembly)
     hit.mu = np.full(len(assembly.frictions), mu_I)
-    n, f = len(hit.normals), len(hit.frictions)
-    every, signs = np.arange(f), np.zeros(f)
-    A = scaled_columns(sp.csc_array(sp.hstack([hit.G_N, hit.G_F], format="csc")), D)
-    row_id = np.concatenate([hit.normal_ids, hit.friction_ids])
-    order = np.arange(n + f)
+    signs = np.zeros(len(assembly.frictions))
+    layout = hit.active.layout(signs)
+    entries, bodies = hit.laid_out(layout)
+    A = scaled_matrix(entries, bodies, D)
+    coulomb = coulomb_rows(hit, layout)
     size = max(1.0, float(np.linalg.norm(D * v)))
-    lam_star = np.full(n, np.inf)
+    lam_star = np.full(len(hit.normals), np.inf)
     for _ in range(MAX_PASSES):
-        bound = hit.mu * (hit.members @ lam_star)
+        bound = hit.bound(lam_star)
+        lower, upper = layout.limits(bound)
         qp, solution = qps.solve(
             A=A,
             d=D * v + F / D,
-            lower=np.concatenate([np.zeros(n), -bound]),
-            upper=np.concatenate([np.full(n, np.inf), bound]),
-            row_id=row_id,
-            feature=hit.features(every, order),
+            lower=lower,
+            upper=upper,
+            row_id=layout.row_id,
+            feature=layout.feature,
             D=D,
             kind="impulse",
             t=t,
             eps0=accuracy,
         )
-        x = minimum_norm(qps, qp, np.asarray(solution.x), coulomb_rows(hit, every, order))
+        x = minimum_norm(qps, qp, np.asarray(solution.x), coulomb)
         after = qp.residual(x) / D
-        lam_N, lam_F = x[:n], x[n:]
-        change = force_change(hit, signs, lam_F, bound, hit.mu * (hit.members @ lam_N))
-        if np.linalg.norm((hit.G_F @ change) / D) <= SETTLED * size:
-            return after, x
+        lam_N, lam_F = layout.split(x, signs.size)
+        change = force_change(signs, lam_F, bound, hit.bound(lam_N))
+        if np.linalg.norm(hit.friction_force(change) / D) <= SETTLED * size:
+            return after, np.concatenate([lam_N, lam_F])
         lam_star = newton_multipliers(hit, D, signs, lam_star, lam_N, lam_F, after)
     raise SimulationError(
-        f"t = {t:.6g}: Newton–Coulomb impulses of {n} contacts did not settle in {MAX_PASSES} "
-        'passes; use the paper\'s model, impulses="paper"'
+        f"t = {t:.6g}: Newton–Coulomb impulses of {len(hit.normals)} contacts did not settle "
+        f'in {MAX_PASSES} passes; use the paper\'s model, impulses="paper"'
     )

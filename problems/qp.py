@@ -17,8 +17,7 @@ Types in this module are frozen and own read-only arrays; they are safe to share
 
 from __future__ import annotations
 
-from copy import copy
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -209,10 +208,28 @@ class ContactQP:
         x = np.asarray(x, float)
         return x.copy() if self.generators is None else self.generators @ x
 
+    @classmethod
+    def of_own(cls, **fields: Any) -> ContactQP:
+        """A QP of arrays that were made for it, of the right types and shapes: neither copied nor
+        checked, as the public constructor does, but no longer writable.  All fields but generators,
+        which it has none of."""
+        qp: ContactQP = object.__new__(cls)
+        vars(qp).update(fields, generators=None)
+        A = qp.A
+        if isinstance(A, np.ndarray):
+            A.setflags(write=False)
+            vars(qp)["dense_A"] = A
+        else:
+            for part in (A.data, A.indices, A.indptr):
+                part.setflags(write=False)
+        for array in (qp.d, qp.lower, qp.upper, qp.row_id, qp.feature, qp.D):
+            array.setflags(write=False)
+        return qp
+
     def as_accepted(self) -> ContactQP:
         """The same QP, of a step that was accepted."""
-        made = copy(self)
-        object.__setattr__(made, "accepted", True)
+        made: ContactQP = object.__new__(type(self))
+        vars(made).update(vars(self), accepted=True)
         return made
 
     def with_accuracy(self, eps0: float) -> ContactQP:
@@ -278,10 +295,15 @@ class Solution:
     memory: Any = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        for entry in fields(self):
-            value = getattr(self, entry.name)
-            if isinstance(value, np.ndarray):
-                value.setflags(write=False)
+        for array in (self.x, self.row_id, self.working_set):
+            if isinstance(array, np.ndarray):
+                array.setflags(write=False)
+
+    def without_memory(self) -> Solution:
+        """The answer alone."""
+        made: Solution = object.__new__(type(self))
+        vars(made).update(vars(self), memory=None)
+        return made
 
     @property
     def found(self) -> bool:

@@ -14,17 +14,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from problems import (
-    constraint_graph,
-    events,
-    friction_passes,
-    minimum_norm,
-    multistep,
-    velocity,
-)
+from problems import friction_kernels, minimum_norm, multistep, step_kernels, velocity
 from problems.constraint_graph import ActiveSet
 from problems.contacts import Geometry
 from problems.qp import Indices, Solution, Vector
+from problems.run import Multipliers
 
 if TYPE_CHECKING:
     from problems.stepper import Stepper
@@ -151,15 +145,14 @@ def take_quiet_steps(stepper: Stepper, solver: TakesQuietSteps, end: float) -> b
 def _prepare(stepper: Stepper, active: ActiveSet, end: float) -> QuietSteps:
     graph, history, options = stepper.graph, stepper.history, stepper.options
     until = min([*stepper.scheduled(), end])
-    corner, part, listed_at, reach = graph.listed(stepper.q)
+    near = graph.candidates
+    near.renew(stepper.q, active.place)
     state = np.zeros((5, stepper.q.size))
     state[[Q, V, V_BEFORE]] = stepper.q, history.v, history.v_before
     for row, a in zip((A, A_BEFORE), history.a, strict=False):
         state[row] = a
     signs = np.array([friction.sign for friction in active.frictions], dtype=np.float64)
-    sticking = np.flatnonzero(signs == 0)
-    ids = np.concatenate([active.normal_ids, active.friction_ids[sticking]])
-    order = np.argsort(ids, kind="stable")
+    layout = active.layout(signs)
     corrected = options.friction == "corrected" and signs.size > 0
     return QuietSteps(
         shapes=stepper.shapes,
@@ -172,24 +165,24 @@ def _prepare(stepper: Stepper, active: ActiveSet, end: float) -> QuietSteps:
         first=active.first,
         mu=active.mu,
         signs=signs,
-        sticking=sticking,
-        order=order,
-        row_id=read_only(ids[order]),
-        lam=np.array([normal.lam for normal in active.normals]),
-        lam_before=np.array([normal.lam_before for normal in active.normals]),
-        corner=corner,
-        part=part,
-        level=graph.levels(corner, part),
-        listed_at=listed_at,
+        sticking=layout.sticking,
+        order=layout.order,
+        row_id=layout.row_id,
+        lam=active.lam[0].copy(),
+        lam_before=active.lam[1].copy(),
+        corner=near.corner[near.free],
+        part=near.part[near.free],
+        level=near.level[near.free],
+        listed_at=near.listed_at,
         state=state,
         reals=np.array(
             [
                 *(stepper.t, history.h, stepper.h_last),
                 *(options.eps, options.drop_tol, options.h_max, options.fixed_step or 0.0),
-                *(options.rest_speed, multistep.SHORTEST_STEP, until, reach),
-                *(multistep.GROWTH, multistep.SAFETY, constraint_graph.ROUNDING),
-                *(constraint_graph.FORGET_LEVEL, events.END_SLACK, graph.geometry.contact_tol),
-                *(friction_passes.AT_BOUND, velocity.FIRST_RATE, minimum_norm.SAFE_FRACTION),
+                *(options.rest_speed, multistep.SHORTEST_STEP, until, near.margin / 2),
+                *(multistep.GROWTH, multistep.SAFETY, step_kernels.ROUNDING),
+                *(step_kernels.FORGET_LEVEL, step_kernels.END_SLACK, graph.geometry.contact_tol),
+                *(friction_kernels.AT_BOUND, velocity.FIRST_RATE, minimum_norm.SAFE_FRACTION),
             ]
         ),
         counts=np.array(
@@ -205,15 +198,13 @@ def _follow(stepper: Stepper, run: QuietSteps, active: ActiveSet, taken: int) ->
     """Bring the stepper to where the run has come."""
     m = stepper.q.size
     multipliers = run.multipliers[:taken]
-    for normal, lam, before in zip(
-        active.normals, run.lam.tolist(), run.lam_before.tolist(), strict=True
-    ):
-        normal.lam, normal.lam_before = lam, before
-    stepper.graph.set_levels(run.corner, run.part, run.level)
-    ids = [*active.normal_ids.tolist(), *active.friction_ids.tolist()]
-    for row, lam, gap in zip(run.track, multipliers.tolist(), run.gaps.tolist(), strict=False):
-        multiplier = dict(zip(ids, lam, strict=True))
-        stepper.states.append((row[0], row[1 : 1 + m], row[1 + m :], multiplier, gap))
+    active.lam[:] = run.lam, run.lam_before
+    near = stepper.graph.candidates
+    near.level[near.free] = run.level
+    n = active.normal_ids.size
+    for row, lam, gap in zip(run.track, multipliers, run.gaps.tolist(), strict=False):
+        rows = Multipliers(active.normal_ids, active.friction_ids, lam[:n], lam[n:])
+        stepper.states.append((float(row[0]), row[1 : 1 + m], row[1 + m :], rows, gap))
     stepper.t, h, stepper.h_last = run.reals[[TIME, H, WISH]].tolist()
     stepper.q = run.state[Q]
     steps = int(run.counts[STEPS])

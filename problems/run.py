@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from problems.qp import ContactQP, Solution, Vector
+from problems.qp import ContactQP, Indices, Solution, Vector
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,6 +30,18 @@ EVENT_KINDS = (
 )
 
 
+class Multipliers(NamedTuple):
+    """λ_N (N,) and λ_F (F,) of one time, and the row_id of each."""
+
+    normal_ids: Indices
+    friction_ids: Indices
+    lam_N: Vector
+    lam_F: Vector
+
+
+NO_MULTIPLIERS = Multipliers(np.zeros(0, int), np.zeros(0, int), np.zeros(0), np.zeros(0))
+
+
 class Event(NamedTuple):
     """Something that happened at time t [s]; kind is one of `EVENT_KINDS`."""
 
@@ -43,7 +56,7 @@ class Run:
 
     t : (n,) [s] accepted times; a time stands twice where an impulse changed the velocities
     q, v : (n, bodies, 3) positions and velocities [m, m, rad]
-    multipliers : (n,) list of {row_id: λ} of the active constraints
+    multiplier_rows : (n,) `Multipliers` of the active constraints
     gaps : (n,) the least φ of the active constraints [m], inf where there are none
     event_log : list of `Event`
     qps, solutions : every QP in solve order, and the solver's answer
@@ -54,13 +67,21 @@ class Run:
     t: Vector
     q: Vector
     v: Vector
-    multipliers: list[dict[int, float]]
+    multiplier_rows: Sequence[Multipliers]
     gaps: Vector
     event_log: list[Event]
     qps: list[ContactQP]
     solutions: list[Solution]
     counts: dict[str, int]
     options: dict[str, Any]
+
+    @cached_property
+    def multipliers(self) -> list[dict[int, float]]:
+        """(n,) {row_id: λ} of the active constraints."""
+        return [
+            dict(zip([*one.tolist(), *two.tolist()], [*N.tolist(), *F.tolist()], strict=True))
+            for one, two, N, F in self.multiplier_rows
+        ]
 
     @cached_property
     def trajectory(self) -> pd.DataFrame:

@@ -8,7 +8,6 @@ once more, cold.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -56,11 +55,15 @@ class QPSequence:
         self._last, self._restarting = last, False
         self.count += count
 
-    def solve(self, **fields: Any) -> tuple[ContactQP, Solution]:
-        """Pose the QP with these fields of `ContactQP` and solve it."""
+    def solve(self, *, own: bool = False, **fields: Any) -> tuple[ContactQP, Solution]:
+        """Pose the QP with these fields of `ContactQP` and solve it.
+
+        own : the fields are all there, and fit for `ContactQP.of_own`
+        """
         warm = fields["kind"] in WARM_KINDS
         first = warm and self._restarting
-        qp = ContactQP(**fields, accepted=False, restart=first)
+        pose = ContactQP.of_own if own else ContactQP
+        qp = pose(**fields, accepted=False, restart=first)
         start = self.start() if warm else None
         solution = self._ask(qp, start)
         if start is not None and not solution.found:
@@ -74,7 +77,7 @@ class QPSequence:
         if self.keep:
             self.qps.append(qp)
             # what a solver wants back goes to its successor only: it may be far larger than x
-            self.solutions.append(replace(solution, memory=None))
+            self.solutions.append(solution.without_memory())
         if warm:
             self._restarting = False
             self._last = solution
@@ -82,16 +85,15 @@ class QPSequence:
 
     def _ask(self, qp: ContactQP, start: Solution | None) -> Solution:
         """The solver's answer; whatever it does wrong becomes a `SimulationError` that says so."""
-        where = f"t = {qp.t:.6g}: a {qp.kind} QP with {qp.k} columns: the solver"
         try:
             solution = self.solver.solve(qp, start)
         except Exception as error:
-            raise SimulationError(f"{where} raised {type(error).__name__}: {error}") from error
+            raise _crime(qp, f"raised {type(error).__name__}: {error}") from error
         if not isinstance(solution, Solution):
-            raise SimulationError(f"{where} returned {type(solution).__name__}, not a Solution")
+            raise _crime(qp, f"returned {type(solution).__name__}, not a Solution")
         x = solution.x
         if x is not None and not (x.shape == (qp.k,) and np.isfinite(x).all()):
-            raise SimulationError(f"{where} returned an x that is not {qp.k} finite numbers")
+            raise _crime(qp, f"returned an x that is not {qp.k} finite numbers")
         return solution
 
     def settle(self, accepted: bool) -> None:
@@ -100,3 +102,7 @@ class QPSequence:
             for i in range(self._settled, len(self.qps)):
                 self.qps[i] = self.qps[i].as_accepted()
         self._settled = len(self.qps)
+
+
+def _crime(qp: ContactQP, what: str) -> SimulationError:
+    return SimulationError(f"t = {qp.t:.6g}: a {qp.kind} QP with {qp.k} columns: the solver {what}")

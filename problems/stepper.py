@@ -29,8 +29,9 @@ This differs from the paper, because the text leaves it open or the rule fails a
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from bisect import bisect_left
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -40,12 +41,13 @@ from problems.constraint_graph import ConstraintGraph, Contact, Friction, Normal
 from problems.contacts import Geometry
 from problems.events import (
     SAME_TIME,
+    Arrival,
     Hit,
     SlideOff,
-    edge_ends,
-    first_hits,
+    look_ahead,
     touching,
 )
+from problems.forces import Force
 from problems.friction import FrictionRule
 from problems.gain import GainWatch
 from problems.impulses import ImpulseRule, solve_impulse
@@ -54,14 +56,14 @@ from problems.multistep import (
     SAFETY,
     SHORTEST_STEP,
     History,
-    Path,
     first_order_step,
 )
 from problems.qp import Vector
 from problems.quiet import Shapes, quiet_solver, take_quiet_steps
-from problems.run import Event, Run
+from problems.run import NO_MULTIPLIERS, Event, Multipliers, Run
 from problems.scenes import Scene
 from problems.sequence import QPSequence, SimulationError, SolvesQPs
+from problems.step_kernels import fastest_body
 from problems.velocity import STUCK, VelocityEquations, VelocityStep
 
 MAX_TRIES = 60
@@ -176,15 +178,19 @@ class Stepper:
     ):
         self.scene, self.options = scene, options
         self.D = np.sqrt(mass_diagonal(scene.bodies))
+        self.D.setflags(write=False)
         self.graph = ConstraintGraph(Geometry(scene.bodies, scene.ground), scene.mu_between)
         self.qps = QPSequence(solver, keep_qps)
-        self.forces = scene.all_forces()
-        self._jumps = sorted({time for f in self.forces for time in f.jumps})
+        self.forces = forces = scene.all_forces()
+        self._steady = [force for force in forces if getattr(force, "constant", False)]
+        self._varying = [force for force in forces if not getattr(force, "constant", False)]
+        self._jumps = sorted({time for force in forces for time in force.jumps})
+        self._constant: dict[int, Vector] = {}
         self._impulses = sorted(scene.impulses, key=lambda impulse: (impulse.t, impulse.body))
         self.equations = VelocityEquations(
             D=self.D,
             forces=self.force,
-            velocity_dependent=any(f.velocity_dependent for f in self.forces),
+            velocity_dependent=any(force.velocity_dependent for force in forces),
             eps=options.eps,
             friction=options.friction,
         )
@@ -199,17 +205,19 @@ class Stepper:
         self.event_log: list[Event] = []
         self._still_since: float | None = None
         self._standstill = 0
+        self._last: VelocityStep | None = None
         self.at_rest = False
-        self.states: list[tuple[float, Vector, Vector, dict[int, float], float]] = []
+        self.states: list[tuple[float, Vector, Vector, Multipliers, float]] = []
         self.shapes = Shapes.of(self.graph.geometry)
         self._quiet = quiet_solver(self)
 
     def force(self, q: Vector, v: Vector, t: float) -> Vector:
-        """f(q, q̇, t) of (2.1), (3n,)."""
-        f = np.zeros_like(q)
-        for force in self.forces:
-            force.add(f, q, v, t)
-        return f
+        """f(q, q̇, t) of (2.1), (3n,); those that are constant between jumps are summed once."""
+        interval = bisect_left(self._jumps, t)
+        if interval not in self._constant:
+            self._constant[interval] = _sum_of(self._steady, q, v, t, np.zeros_like(q))
+        constant = self._constant[interval]
+        return _sum_of(self._varying, q, v, t, constant.copy()) if self._varying else constant
 
     # --- start and finish ------------------------------------------------------------------------
 
@@ -237,7 +245,7 @@ class Stepper:
         if violated or F.any():
             self._impulse([], F)
         else:
-            self._drop_separating(assembly, self.history.v)
+            self._drop_separating(assembly, assembly.gap_speed(self.history.v))
             self._sort_frictions(Assembly(self.graph, self.q), self.history.v)
 
     def finish(self) -> Run:
@@ -249,7 +257,7 @@ class Stepper:
             t=np.array(t),
             q=np.array(q).reshape(shape),
             v=np.array(v).reshape(shape),
-            multipliers=list(multipliers),
+            multiplier_rows=multipliers,
             gaps=np.array(gaps),
             event_log=self.event_log,
             qps=self.qps.qps,
@@ -265,9 +273,8 @@ class Stepper:
         if self._quiet is not None and take_quiet_steps(self, self._quiet, end):
             self._after_quiet_steps()
             return
-        here = Assembly(self.graph, self.q)
-        self._check_constraints(here)
-        slip_before = here.slip_speed(self.history.v)
+        here, gap_speed, slip_before = self._here()
+        self._check_constraints(here, gap_speed)
         self._sort_signs(here, slip_before)
         path = self.history.path(self.q)
         signs = np.array([friction.sign for friction in here.frictions], dtype=np.float64)
@@ -276,18 +283,18 @@ class Stepper:
         h = min(h_full, min([*self.scheduled(), end]) - self.t)
         unsettled = 0
         for _ in range(MAX_TRIES):
-            handed_over, losses = edge_ends(self.graph, path, h)
-            hits = first_hits(self.graph, path, h, self.slowest_approach)
-            h_event = min([*(hit.h for hit in hits), *(loss.h for loss in losses)], default=np.inf)
-            hits = [hit for hit in hits if hit.h <= h_event + SAME_TIME]
-            losses = [loss for loss in losses if loss.h <= h_event + SAME_TIME]
-            if h_event < SHORTEST_STEP:
-                self._standing_event(hits, losses)
-                return
-            if h_event < h:
-                h = h_event
-                handed_over, _ = edge_ends(self.graph, path, h)
-            step = self._try_velocity(path, h, handed_over, signs, known)
+            arrival, hits, losses = look_ahead(self.graph, path, h, self.slowest_approach)
+            if hits or losses:
+                h_event = min([*(hit.h for hit in hits), *(loss.h for loss in losses)])
+                hits = [hit for hit in hits if hit.h <= h_event + SAME_TIME]
+                losses = [loss for loss in losses if loss.h <= h_event + SAME_TIME]
+                if h_event < SHORTEST_STEP:
+                    self._standing_event(hits, losses)
+                    return
+                if h_event < h:
+                    h = h_event
+                    arrival, _, _ = look_ahead(self.graph, path, h, np.inf)
+            step = self._try_velocity(arrival, signs, known)
             unsettled += not step.settled
             if not step.settled:
                 self._watch_gain(step, signs)
@@ -314,7 +321,7 @@ class Stepper:
                 h = h_stick
                 self._reject()
                 continue
-            self._accept(step, handed_over, h_full)
+            self._accept(step, arrival, h_full)
             self._watch_gain(step, signs)
             if known == STUCK:
                 self._jam(step)
@@ -326,6 +333,16 @@ class Stepper:
             f"t = {self.t:.6g}: no acceptable step after {MAX_TRIES} trials (h = {h:.3g}); "
             "try a smaller eps or another solver"
         )
+
+    def _here(self) -> tuple[Assembly, Vector, Vector]:
+        """The columns at t_{n−1}, G_Nᵀq̇ and G_Fᵀq̇: those of the last step where they still hold."""
+        last = self._last
+        if last is not None:
+            same = last.v is self.history.v and last.assembly.active is self.graph.active_set()
+            if same:
+                return last.assembly, last.gap_speed, last.slip_speed
+        here = Assembly(self.graph, self.q)
+        return here, here.gap_speed(self.history.v), here.slip_speed(self.history.v)
 
     def _step_length(self) -> float:
         """Step 1: h from (3.5), with limits on growth; the old one after a restart."""
@@ -340,27 +357,24 @@ class Stepper:
 
     def _try_velocity(
         self,
-        path: Path,
-        h: float,
-        handed_over: dict[int, tuple[int, int, int]],
+        arrival: Arrival,
         signs: Vector,
         known: int,
     ) -> VelocityStep:
         """Step 2."""
-        q = path(h)
+        h = arrival.h
         step = self.equations.solve(
             self.qps,
-            Assembly(self.graph, q, handed_over),
+            Assembly(self.graph, arrival.q, arrival.handed_over, arrival.pose),
             self.history,
             self.q,
-            q,
             self.t + h,
             h,
             signs,
             known,
         )
         if known == STUCK and h <= 100 * SHORTEST_STEP:  # that short it is taken as it is
-            return replace(step, settled=True)
+            return step._replace(settled=True)
         return step
 
     def _rejected_length(self, step: VelocityStep, h: float, caught: bool) -> float | None:
@@ -381,26 +395,22 @@ class Stepper:
         self.qps.settle(accepted=False)
         self.counts["rejected_steps"] += 1
 
-    def _accept(
-        self, step: VelocityStep, handed_over: dict[int, tuple[int, int, int]], h_full: float
-    ) -> None:
+    def _accept(self, step: VelocityStep, arrival: Arrival, h_full: float) -> None:
         self.qps.settle(accepted=True)
-        before = self.q
+        self._last = step
         self.t, self.q = self.t + step.h, step.q
         self.history.push(step.h, step.v, step.a)
         self.h_last = max(h_full, step.h)
         # λ from before a restart is never extrapolated: (4.4), (4.3), (4.2) after a jump in q̇, and
         # (4.3), (4.3), (4.2) after one in q̈
         self.lam_known = min(self.lam_known + 1, self.history.steps, 2)
-        for normal, lam in zip(step.assembly.normals, step.lam_N, strict=True):
-            normal.lam_before, normal.lam = normal.lam, float(lam)
-        for row_id, place in handed_over.items():
+        self.graph.note_multipliers(step.lam_N)
+        for row_id, place in arrival.handed_over.items():
             normal = self.graph.normals[row_id]
             self._log("hand_over", f"{self._place_name(normal.place)} to {self._place_name(place)}")
             self.graph.hand_over(normal, place)
-        corner, part = self.graph.candidates(before, self.q)
-        clearance = self.graph.geometry.clearance(step.assembly.pose, corner, part)
-        self.graph.note_clearances(corner, part, clearance)
+        self.graph.active_set()  # what was handed over is not free
+        self.graph.candidates.note_clearances(arrival.clearance)
         self.counts["steps"] += 1
         self._standstill = 0
         self._record(step)
@@ -428,21 +438,20 @@ class Stepper:
             self._restart(1)
         if stopped or losses:
             return
-        self._drop_separating(step.assembly, step.v)
-        for friction, speed, bound in zip(
-            step.assembly.frictions, step.slip_speed, step.at_bound, strict=True
-        ):
+        self._drop_separating(step.assembly, step.gap_speed)
+        for j in np.flatnonzero(step.at_bound):
+            friction, speed = step.assembly.frictions[j], step.slip_speed[j]
             alive = friction.row_id in self.graph.frictions
-            if alive and friction.sign == 0 and bound and abs(speed) > self.options.eps:
+            if alive and friction.sign == 0 and abs(speed) > self.options.eps:
                 friction.sign = -int(np.sign(speed))
                 self._log("stick_to_slip", self._contact_name(friction.contact))
 
     def _after_quiet_steps(self) -> None:
         """Step 4 after steps in which nothing else happened."""
         self._standstill = 0
-        assembly = Assembly(self.graph, self.q)
-        self._check_constraints(assembly)
-        self._drop_separating(assembly, self.history.v)
+        assembly, gap_speed, _ = self._here()
+        self._check_constraints(assembly, gap_speed)
+        self._drop_separating(assembly, gap_speed)
         self._watch_rest()
 
     def _standing_event(self, hits: list[Hit], losses: list[SlideOff]) -> None:
@@ -498,7 +507,7 @@ class Stepper:
         self.counts["impulses"] += 1
         self._log("impulse", "; ".join(inserted) if inserted else "external" if F.any() else "")
         self.history.restart(v)
-        self._drop_separating(assembly, v)
+        self._drop_separating(assembly, assembly.gap_speed(v))
         self._sort_frictions(Assembly(self.graph, self.q), v)
         self._restart(0)
         self._record()
@@ -545,6 +554,8 @@ class Stepper:
         """
         after = step.slip_speed
         lengths = np.full(signs.size, np.inf)
+        if not signs.any():
+            return lengths
         turned = (signs != 0) & (slip_before * after < 0)
         lengths[turned] = step.h * slip_before[turned] / (slip_before - after)[turned]
         lengths[(signs != 0) & (np.abs(after) <= 0.01 * self.options.eps)] = step.h
@@ -570,13 +581,14 @@ class Stepper:
             gain, normal = found
             self._log("gain", f"{self._contact_name(normal.contact)}: γ = {gain:.3g}")
 
-    def _drop_separating(self, assembly: Assembly, v: Vector) -> None:
-        """Step 4: contacts with g_Nᵀq̇ > drop_tol leave J_N.
+    def _drop_separating(self, assembly: Assembly, speed: Vector) -> None:
+        """Step 4: contacts with g_Nᵀq̇ > drop_tol, their `speed` (N,), leave J_N.
 
         λ is not looked at: an interior-point method's is never exactly 0.
         """
-        for normal, speed in zip(assembly.normals, assembly.gap_speed(v), strict=True):
-            if speed > self.options.drop_tol and normal.row_id in self.graph.normals:
+        for i in np.flatnonzero(speed > self.options.drop_tol):
+            normal = assembly.normals[i]
+            if normal.row_id in self.graph.normals:
                 self._log("drop", self._place_name(normal.place))
                 self.graph.remove(normal, self._clearance(normal))
 
@@ -591,9 +603,8 @@ class Stepper:
             if friction.sign != 0 and speed != 0:
                 friction.sign = -int(np.sign(speed))
 
-    def _check_constraints(self, assembly: Assembly) -> None:
+    def _check_constraints(self, assembly: Assembly, speed: Vector) -> None:
         """g_Nᵀq̇ ≥ 0 must hold at the start of a step, to the accuracy of the QP."""
-        speed = assembly.gap_speed(self.history.v)
         if speed.size and speed.min() < -10 * self.options.eps:
             i = int(np.argmin(speed))
             raise SimulationError(
@@ -616,18 +627,17 @@ class Stepper:
     # --- records ---------------------------------------------------------------------------------
 
     def _record(self, step: VelocityStep | None = None) -> None:
-        lam: dict[int, float] = {}
-        gap = np.inf
+        """Keep the state; no array of it is written to again."""
+        rows, gap = NO_MULTIPLIERS, np.inf
         if step is not None:
-            ids = [*step.assembly.normal_ids.tolist(), *step.assembly.friction_ids.tolist()]
-            lam = dict(zip(ids, [*step.lam_N.tolist(), *step.lam_F.tolist()], strict=True))
-            if step.assembly.normals:
+            active = step.assembly.active
+            rows = Multipliers(active.normal_ids, active.friction_ids, step.lam_N, step.lam_F)
+            if step.lam_N.size:
                 gap = float(step.assembly.columns.phi.min())
-        self.states.append((self.t, self.q.copy(), self.history.v.copy(), lam, gap))
+        self.states.append((self.t, self.q, self.history.v, rows, gap))
 
     def _watch_rest(self) -> None:
-        speeds = np.linalg.norm((self.D * self.history.v).reshape(-1, 3), axis=1)
-        if speeds.max(initial=0.0) > self.options.rest_speed:
+        if fastest_body(self.D, self.history.v) > self.options.rest_speed:
             self._still_since = None
         elif self._still_since is None:
             self._still_since = self.t
@@ -659,3 +669,9 @@ class Stepper:
     def _contact_name(self, contact: Contact) -> str:
         names = [self._body_name(int(self.graph.geometry.part_body[p])) for p in contact.pair]
         return f"{names[0]} and {names[1]}"
+
+
+def _sum_of(forces: Sequence[Force], q: Vector, v: Vector, t: float, f: Vector) -> Vector:
+    for force in forces:
+        force.add(f, q, v, t)
+    return f

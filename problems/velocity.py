@@ -15,37 +15,40 @@ This differs from the paper: ε₀ in (3.14) is multiplied by h/α₀, as its de
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
+from numpy.typing import NDArray
 
-from problems.assembly import Assembly
+from problems.assembly import Assembly, scaled_matrix
 from problems.friction import (
     FrictionRule,
     coulomb_rows,
-    force_change,
     predicted_multipliers,
     spring_multipliers,
 )
-from problems.friction_passes import forced_signs, newton_multipliers
-from problems.minimum_norm import minimum_norm, surely_independent
+from problems.friction_kernels import driven_forces, force_change, forced_signs
+from problems.friction_passes import newton_multipliers
+from problems.minimum_norm import least_norm, surely_independent
 from problems.multistep import History
-from problems.qp import Vector
+from problems.qp import LARGEST, Vector
 from problems.sequence import QPSequence
+from problems.step_kernels import momentum, outcome, weighted_norm
 
 MAX_PASSES = 12
 FIRST_RATE = 0.5
 """ρ assumed until two passes have shown it."""
+NOTHING = np.zeros(0)
 STUCK = -1
 """For `known`: λ_* = ∞, as if every contact in J_FO stuck whatever its load."""
 
 
-@dataclass(frozen=True, eq=False)
-class VelocityStep:
+class VelocityStep(NamedTuple):
     """What a step of length h found: q, q̇, q̈ (3n,), λ_N (N,), λ_F (F,) and its `Assembly`.
 
+    gap_speed (N,), slip_speed (F,) : G_Nᵀq̇, G_Fᵀq̇
+    at_bound : (F,) whether a friction force is proportional to λ_*
     settled : whether the passes came to an end by (3.14); else this is the last one
     """
 
@@ -55,15 +58,12 @@ class VelocityStep:
     a: Vector
     lam_N: Vector
     lam_F: Vector
-    at_bound: Vector
+    gap_speed: Vector
+    slip_speed: Vector
+    at_bound: NDArray[np.bool_]
     assembly: Assembly
     passes: int
     settled: bool = True
-
-    @property
-    def slip_speed(self) -> Vector:
-        """g_Fᵀq̇_n (F,)."""
-        return self.assembly.slip_speed(self.v)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ class VelocityEquations:
 
     def norm(self, v: Vector) -> float:
         """‖v‖_M (2.19)."""
-        return float(np.linalg.norm(self.D * v))
+        return float(weighted_norm(self.D, v))
 
     def solve(
         self,
@@ -89,52 +89,49 @@ class VelocityEquations:
         assembly: Assembly,
         history: History,
         q_before: Vector,
-        q: Vector,
         t: float,
         h: float,
         signs: Vector,
         known: int,
     ) -> VelocityStep:
-        """q̇_n and λ_n of the step of length h that ends at (q, t).
+        """q̇_n and λ_n of the step of length h that ends at t, at the position of the assembly.
 
         signs : (F,) s of the contacts in J_FW, 0 of those in J_FO
         known : time points with λ since the last jump in q̇ (0: (4.4), 1: (4.3), 2: (4.2));
             `STUCK`: the passes begin with λ_* = ∞
         """
-        inverse_mass = 1 / self.D**2
+        q, D = assembly.q, self.D
         alpha0, b = history.bdf(h)
-        slides = signs != 0
-        rubs = len(assembly.frictions) > 0
+        rubs = signs.size > 0
         correct = rubs and self.friction == "corrected"
         iterate = correct or self.velocity_dependent
         eps0 = (0.01 if iterate else 0.1) * self.eps
-        if not rubs:
-            lam_star = np.zeros(len(assembly.normals))
-        elif known == STUCK or (correct and known == 0 and not slides.any()):
-            lam_star = np.full(len(assembly.normals), np.inf)
-        elif known == 0:
-            f_before = self.forces(q_before, history.v, t - h)
-            lam_star = spring_multipliers(assembly, inverse_mass, q_before, history.v, f_before, h)
-        else:
-            lam_star = predicted_multipliers(assembly, known, h / history.h if history.h else 1.0)
         guess = history.predict(h) if self.velocity_dependent else history.v
-        layout = _Layout(assembly, signs, self.D)
-        redundant = rubs and not surely_independent(layout.A)
+        layout = assembly.active.layout(signs)
+        entries, bodies = assembly.laid_out(layout)
+        A = scaled_matrix(entries, bodies, D)
+        lam_star = bound = driven = NOTHING
+        if rubs:
+            lam_star = self._first_guess(assembly, history, q_before, t, h, signs, known)
+        redundant = rubs and not surely_independent(A)
         change_before = np.inf
         for number in range(1, MAX_PASSES + 1):
-            bound = assembly.bound(lam_star)
-            driven = signs * np.where(slides, bound, 0.0)
-            pushed = self.forces(q, guess, t) + assembly.friction_force(driven)
-            c = h * inverse_mass * pushed + b
-            stuck_bound = bound[layout.sticking]
+            pushed = self.forces(q, guess, t)
+            if rubs:
+                bound = assembly.bound(lam_star)
+                driven = driven_forces(signs, bound)
+                pushed = pushed + assembly.friction_force(driven)
+            d, largest = momentum(b, pushed, D, h)
+            lower, upper = layout.limits(bound[layout.sticking])
             qp, solution = qps.solve(
-                A=layout.A,
-                d=self.D * c / h,
-                lower=layout.column(np.zeros(len(lam_star)), -stuck_bound),
-                upper=layout.column(np.full(len(lam_star), np.inf), stuck_bound),
+                own=largest <= LARGEST,
+                A=A,
+                d=d,
+                lower=lower,
+                upper=upper,
                 row_id=layout.row_id,
                 feature=layout.feature,
-                D=self.D,
+                D=D,
                 kind=_kind(number, self.velocity_dependent),
                 t=t,
                 h=h,
@@ -142,18 +139,23 @@ class VelocityEquations:
                 eps0=eps0,
             )
             x = np.asarray(solution.x)
-            v = h / alpha0 * qp.residual(x) / self.D
+            v, a = outcome(entries, bodies, x, b, d, D, h, alpha0)
             if redundant:
-                x = minimum_norm(qps, qp, x, layout.coulomb if correct else None)
-            lam_N, lam_F = layout.split(x)
+                coulomb = coulomb_rows(assembly, layout) if correct else None
+                x = least_norm(qps, qp, x, coulomb)
+            lam_N, lam_F = layout.split(x, signs.size)
+            slip = assembly.slip_speed(v) if rubs else NOTHING
+            at_bound = forced_signs(signs, lam_F, bound, slip) != 0
             step = VelocityStep(
                 h=h,
                 q=q,
                 v=v,
-                a=(alpha0 * v - b) / h,
+                a=a,
                 lam_N=lam_N,
                 lam_F=lam_F + driven,
-                at_bound=forced_signs(signs, lam_F, bound, assembly.slip_speed(v)) != 0,
+                gap_speed=assembly.gap_speed(v),
+                slip_speed=slip,
+                at_bound=at_bound,
                 assembly=assembly,
                 passes=number,
             )
@@ -162,10 +164,8 @@ class VelocityEquations:
             change = self.norm(v - guess) if self.velocity_dependent else 0.0
             if correct:
                 new_bound = assembly.bound(lam_N)
-                moved = force_change(assembly, signs, lam_F, bound, new_bound)
-                change += (
-                    h / alpha0 * float(np.linalg.norm(assembly.friction_force(moved) / self.D))
-                )
+                moved = force_change(signs, lam_F, bound, new_bound)
+                change += h / alpha0 * self.norm(assembly.friction_force(moved) / D**2)
             rate = change / change_before if number > 1 and change_before > 0 else FIRST_RATE
             # without friction the fixed point is a contraction or the step is too long
             if rate < 1 and (rate * change + h / alpha0 * eps0) / (1 - rate) <= 0.1 * self.eps:
@@ -174,39 +174,28 @@ class VelocityEquations:
                 break
             guess, change_before = v, change
             if correct:
-                lam_star = newton_multipliers(assembly, self.D, signs, lam_star, lam_N, lam_F, v)
-        return replace(step, settled=False)
+                lam_star = newton_multipliers(assembly, D, signs, lam_star, lam_N, lam_F, v)
+        return step._replace(settled=False)
 
-
-class _Layout:
-    """Columns of the QP: all normals and the sticking frictions, in the order of row_id."""
-
-    def __init__(self, assembly: Assembly, signs: Vector, D: Vector):
-        self.sticking = np.flatnonzero(signs == 0)
-        ids = np.concatenate([assembly.normal_ids, assembly.friction_ids[self.sticking]])
-        self.order = np.argsort(ids, kind="stable")
-        self.row_id = ids[self.order]
-        self.feature = assembly.features(self.sticking, self.order)
-        every = np.arange(len(assembly.normals))
-        self.A = assembly.scaled(every, self.sticking, D, self.order)
-        self._n_normals = len(assembly.normals)
-        self._n_frictions = len(assembly.frictions)
-        self._assembly = assembly
-
-    @cached_property
-    def coulomb(self) -> sp.csr_array:
-        return coulomb_rows(self._assembly, self.sticking, self.order)
-
-    def column(self, normal: Vector, friction: Vector) -> Vector:
-        return np.concatenate([normal, friction])[self.order]
-
-    def split(self, x: Vector) -> tuple[Vector, Vector]:
-        """λ_N (N,) and λ_F (F,), 0 where sliding, from the QP's x."""
-        everything = np.empty_like(x)
-        everything[self.order] = x
-        lam_F = np.zeros(self._n_frictions)
-        lam_F[self.sticking] = everything[self._n_normals :]
-        return everything[: self._n_normals], lam_F
+    def _first_guess(
+        self,
+        assembly: Assembly,
+        history: History,
+        q_before: Vector,
+        t: float,
+        h: float,
+        signs: Vector,
+        known: int,
+    ) -> Vector:
+        """λ_* (N,) of the first pass, as `known` says."""
+        correct = self.friction == "corrected"
+        if known == STUCK or (correct and known == 0 and not signs.any()):
+            return np.full(len(assembly.normals), np.inf)
+        if known == 0:
+            f_before = self.forces(q_before, history.v, t - h)
+            mass = self.D**2
+            return spring_multipliers(assembly, 1 / mass, q_before, history.v, f_before, h)
+        return predicted_multipliers(assembly, known, h / history.h if history.h else 1.0)
 
 
 def _kind(number: int, velocity_dependent: bool) -> str:

@@ -172,7 +172,7 @@ def test_insertion_and_deletion_keep_the_graph_consistent():
         if g.normals and rng.random() < 0.5:
             normal = g.active()[rng.integers(len(g.normals))]
             g.remove(normal, -1e-6)
-            assert g.level[normal.corner, normal.part] == -1e-6
+            assert g.candidates.levels()[normal.corner, normal.part] == -1e-6
         else:
             upper = int(rng.integers(1, n))
             normal = g.insert(pose, 4 * upper + int(rng.integers(2)), upper - 1, 2)
@@ -188,25 +188,50 @@ def test_insertion_and_deletion_keep_the_graph_consistent():
         assert sum(map(len, g.of_body.values())) == 2 * len(contacts)
 
 
+def candidates(g, before, after):
+    """Pairs (corner, part) that are near and free on the way."""
+    g.candidates.cover(before, after, g.active_set().place)
+    corner, part = (a[g.candidates.free].tolist() for a in (g.candidates.corner, g.candidates.part))
+    return set(zip(corner, part, strict=True))
+
+
 def test_candidates_survive_small_motion_and_are_renewed_by_large():
     g = graph(bodies=BOXES)
     near = np.array([0, 0.51, 0, 0, 1.53, 0.0])
     far = near + np.array([0, 0, 0, 0, 5.0, 0])
-    pairs = set(zip(*(a.tolist() for a in g.candidates(near, near)), strict=True))
-    assert {(4, 0), (5, 0), (2, 1), (3, 1), (0, 2), (1, 2)} <= pairs
-    pairs = set(zip(*(a.tolist() for a in g.candidates(far, far)), strict=True))
-    assert pairs == {(0, 2), (1, 2)}
+    assert {(4, 0), (5, 0), (2, 1), (3, 1), (0, 2), (1, 2)} <= candidates(g, near, near)
+    assert candidates(g, far, far) == {(0, 2), (1, 2)}
     # a long step sees what it may hit on the way
-    pairs = set(zip(*(a.tolist() for a in g.candidates(far, near)), strict=True))
-    assert {(4, 0), (5, 0)} <= pairs
+    assert {(4, 0), (5, 0)} <= candidates(g, far, near)
+
+
+def test_active_constraints_are_not_free():
+    g = graph(bodies=BOXES)
+    near = np.array([0, 0.5, 0, 0, 1.5, 0.0])
+    before = candidates(g, near, near)
+    g.insert(g.geometry.pose(near), 4, 0, 2)
+    assert candidates(g, near, near) == before - {(4, 0)}
+    g.remove(g.active()[0], 1e-3)
+    assert candidates(g, near, near) == before
 
 
 def test_reference_level_sinks_with_the_corner_and_is_forgotten_outside():
-    g = graph()
-    corner, part = np.array([2, 3]), np.array([1, 0])
-    g.note_clearances(corner, part, np.array([1e-3, -1e-5]))
-    g.note_clearances(corner, part, np.array([1e-3, -1e-6]))
-    assert g.level == {(3, 0): -1e-5}
-    np.testing.assert_array_equal(g.levels(corner, part), [0.0, -1e-5])
-    g.note_clearances(corner, part, np.array([-1e-9, 2e-6]))
-    assert g.level == {(2, 1): -1e-9}
+    near = graph().candidates
+    near.set_level(3, 0, -1e-5)
+    near.set_level(2, 1, -1e-9)
+    near.set_level(2, 1, 0.0)
+    near.note_clearances(np.array([-1e-6, 1e-3]))
+    assert near.levels() == {(3, 0): -1e-5}
+    near.note_clearances(np.array([-1e-4, 1e-3]))
+    assert near.levels() == {(3, 0): -1e-4}
+    near.note_clearances(np.array([2e-6, -1e-9]))
+    assert near.levels() == {(2, 1): -1e-9}
+
+
+def test_reference_levels_survive_a_new_list():
+    g = graph(bodies=BOXES)
+    near = np.array([0, 0.5, 0, 0, 1.5, 0.0])
+    candidates(g, near, near)
+    g.candidates.set_level(4, 0, -1e-6)
+    candidates(g, near + np.array([0, 0, 0, 0.4, 0, 0]), near)
+    assert g.candidates.levels() == {(4, 0): -1e-6}

@@ -5,7 +5,7 @@ import pytest
 
 from problems import scene, simulate
 from problems.assembly import Assembly
-from problems.friction import force_change
+from problems.friction_kernels import force_change
 from problems.friction_passes import newton_multipliers
 from problems.scenes import Scene
 from problems.stepper import Stepper, StepperOptions
@@ -78,13 +78,13 @@ def test_force_change_knows_when_another_pass_matters():
     new, old = np.array([1.5, 1.5, 0.5, 1.5, 1.5]), np.ones(5)
     sliding = np.array([1.0, 0, 0, 0, 0])
     stuck = np.array([0.0, 0.2, 0.8, 1.0, -1.0])
-    moved = force_change(None, sliding, stuck, old, new)
+    moved = force_change(sliding, stuck, old, new)
     np.testing.assert_allclose(moved, [0.5, 0.0, -0.3, 0.5, -0.5])
 
 
 def test_force_change_from_a_start_that_sticks_whatever_the_load():
     stuck, new = np.array([0.4, -0.8, 0.0]), np.array([0.5, 0.5, 0.0])
-    moved = force_change(None, np.zeros(3), stuck, np.full(3, np.inf), new)
+    moved = force_change(np.zeros(3), stuck, np.full(3, np.inf), new)
     np.testing.assert_allclose(moved, [0.0, 0.3, 0.0])
 
 

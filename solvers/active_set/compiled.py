@@ -31,6 +31,7 @@ SOURCES = (
     "../../problems/quiet.py",
     "../../problems/contact_kernels.py",
     "../../problems/dips.py",
+    "../../problems/step_kernels.py",
 )
 FAST_MATH = frozenset({"reassoc", "contract", "nsz"})
 """Sums may be regrouped for vector instructions; NaN and infinity keep their meaning."""

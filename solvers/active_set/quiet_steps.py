@@ -56,20 +56,10 @@ from problems.quiet import (
     Q,
     V,
 )
+from problems.step_kernels import largest_motion
 from solvers.active_set.compiled import kernel
 from solvers.active_set.loop import SOLVED, WARM, algorithm_2
 from solvers.active_set.workspace import COUNTS, STATUS, X
-
-
-@kernel
-def largest_motion(before, after, radius):
-    """Bound of how far any point has moved from q `before` to q `after` [m]."""
-    most = 0.0
-    for b in range(radius.size):
-        i = 3 * b
-        turn = radius[b] * abs(after[i + 2] - before[i + 2])
-        most = max(most, hypot(after[i] - before[i], after[i + 1] - before[i + 1]) + turn)
-    return most
 
 
 @kernel
@@ -218,8 +208,8 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
     pose = place_corners(q, shapes.corner_body, shapes.corner_local)
     before[:] = clearances(*pose, corner, part, *edges)
     if F > 0:
-        _, _, _, g_F, bodies, _ = contact_columns(
-            *pose, place, shapes.corner_body, *edges, shapes.edge_start
+        _, _, g_F, bodies, _, _, _, _ = contact_columns(
+            *pose, place, shapes.corner_body, *edges, shapes.edge_start, shapes.edge_length
         )
         speed = column_speeds(g_F, bodies, v)
         for j in range(F):
@@ -253,13 +243,12 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
                 i, corner, part, shapes.corner_part, place, pose[0], reals[CONTACT_TOL]
             ):
                 return
-        phi, along, g_N, g_F, bodies, _ = contact_columns(
-            *pose, place, shapes.corner_body, *edges, shapes.edge_start
+        phi, g_N, g_F, bodies, _, along, length, _ = contact_columns(
+            *pose, place, shapes.corner_body, *edges, shapes.edge_start, shapes.edge_length
         )
         for j in range(N):
-            length = shapes.edge_length[place[j, 1], place[j, 2]]
-            slack = reals[END_SLACK] * length
-            if along[j] < -slack or along[j] > length + slack:
+            slack = reals[END_SLACK] * length[j]
+            if along[j] < -slack or along[j] > length[j] + slack:
                 return
         w = h / reals[H] if reals[H] > 0.0 else 1.0
         alpha0 = (1 + 2 * w) / (1 + w) if order == 2 else 1.0

@@ -1,0 +1,97 @@
+"""Candidates: pairs (corner, part) that are near each other, φ > 0 in the paper's words (§5).
+
+They are found by the broad phase, with a margin, so that the list stays valid until something has
+moved by half of it.  A candidate that is not an active constraint is *free* to collide.  It may
+carry a *reference level*: where a contact was dropped with φ < 0 (drift is proportional to ε), the
+corner collides on φ − level, else it would never do so.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from problems.contacts import Geometry
+from problems.qp import Indices, Vector
+from problems.step_kernels import FORGET_LEVEL, largest_motion, sink_levels
+
+__all__ = ["FORGET_LEVEL", "Candidates"]
+
+
+class Candidates:
+    """corner, part, level, free (L,) of all near pairs; levels are ≤ 0.
+
+    listed_at : (3n,) the position that they were found at;  margin : how near is near [m]
+    """
+
+    def __init__(self, geometry: Geometry):
+        self.geometry = geometry
+        self.margin = 0.25 / 1e-3 * geometry.contact_tol
+        self.listed_at = np.full(3 * geometry.n_bodies, np.inf)
+        self.corner, self.part = np.zeros(0, np.int64), np.zeros(0, np.int64)
+        self.level, self.free = np.zeros(0), np.zeros(0, bool)
+
+    def outdated(self, moved: float) -> bool:
+        """Whether the list is too old for a body that has moved so far since it was made [m]."""
+        return not moved <= self.margin / 2
+
+    def cover(self, before: Vector, after: Vector, active: Indices) -> None:
+        """Renew the list where it does not hold all that may touch between q `before` and `after`.
+
+        active : (N, 3) the places of J_N, whose corner and part are not free
+        """
+        if self.outdated(largest_motion(self.listed_at, after, self.geometry.radius)):
+            reach = 2.5 * largest_motion(before, after, self.geometry.radius)
+            self._list(before, max(self.margin, reach))
+            self.occupy(active)
+
+    def renew(self, q: Vector, active: Indices) -> None:
+        """Renew the list at q (3n,) where half of what it holds for is used up."""
+        if self.outdated(2 * largest_motion(self.listed_at, q, self.geometry.radius)):
+            self._list(q, self.margin)
+            self.occupy(active)
+
+    def occupy(self, active: Indices) -> None:
+        """All are free but the places (N, 3) of J_N."""
+        self.free = ~np.isin(self._key(self.corner, self.part), self._key(*active.T[:2]))
+
+    def set_level(self, corner: int, part: int, level: float) -> None:
+        """Give a pair a reference level, 0 for none."""
+        at = np.flatnonzero((self.corner == corner) & (self.part == part))
+        if at.size:
+            self.level[at] = level
+        elif level < 0:
+            self.corner, self.part = np.append(self.corner, corner), np.append(self.part, part)
+            self.level, self.free = np.append(self.level, level), np.append(self.free, True)
+
+    def levels(self) -> dict[tuple[int, int], float]:
+        """{(corner, part): level} of those below 0."""
+        below = np.flatnonzero(self.level < 0)
+        pairs = zip(self.corner[below].tolist(), self.part[below].tolist(), strict=True)
+        return dict(zip(pairs, self.level[below].tolist(), strict=True))
+
+    def note_clearances(self, clearance: Vector) -> None:
+        """Follow corners that were let in without a contact: their levels sink with them.
+
+        clearance : (L,) [m];  a level is forgotten once its corner is `FORGET_LEVEL` outside.
+        """
+        sink_levels(clearance, self.free, self.level)
+
+    def _key(self, corner: Indices, part: Indices) -> Indices:
+        return corner * len(self.geometry.part_body) + part
+
+    def _list(self, q: Vector, margin: float) -> None:
+        geometry, levels = self.geometry, self.levels()
+        pose = geometry.pose(q)
+        corners, parts = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+        for p, r in geometry.near_pairs(pose, margin):
+            for one, other in ((p, r), (r, p)):
+                first, size = geometry.part_first[one], geometry.part_size[one]
+                corners.append(np.arange(first, first + size))
+                parts.append(np.full(size, other))
+        corner, part = np.concatenate(corners), np.concatenate(parts)
+        near = geometry.clearance(pose, corner, part) <= margin
+        self.corner, self.part = corner[near], part[near]
+        self.level, self.free = np.zeros(self.corner.size), np.ones(self.corner.size, bool)
+        self.listed_at = q
+        for pair, level in levels.items():
+            self.set_level(*pair, level)

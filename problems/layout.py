@@ -1,0 +1,70 @@
+"""Which column of a time step's QP is which constraint."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from problems.qp import Indices, Vector
+
+
+class Layout:
+    """Columns of the QP: all normals and the sticking frictions, in the order of row_id.
+
+    row_id (k,), feature (k, 5) : see `ContactQP`
+    row (k,), tangential (k,) : each column is g_N, or g_F, of this row of the normals
+    normal_column (N,) : the column of each normal
+    sticking (S,), sticking_column (S,) : the frictions that have a column, and which
+    cones : `friction.coulomb_rows`, kept here
+    """
+
+    def __init__(
+        self,
+        normal_ids: Indices,
+        friction_ids: Indices,
+        feature: Indices,
+        first: Indices,
+        sticks: NDArray[np.bool_],
+    ):
+        self.sticking = np.flatnonzero(sticks)
+        count = normal_ids.size
+        ids = np.concatenate([normal_ids, friction_ids[self.sticking]])
+        self.order = np.argsort(ids, kind="stable")
+        self.row_id = ids[self.order]
+        self.row = np.concatenate([np.arange(count), first[self.sticking]])[self.order]
+        self.tangential = self.order >= count
+        self.feature = feature[self.row]
+        self.feature[:, 4] = self.tangential
+        column = np.argsort(self.order)
+        self.normal_column, self.sticking_column = column[:count], column[count:]
+        self.cones: dict[bytes, sp.csr_array] = {}
+        self.row_id.setflags(write=False)
+        self.feature.setflags(write=False)
+
+    @property
+    def k(self) -> int:
+        """Number of columns."""
+        return self.row_id.size
+
+    def limits(self, stuck_bound: Vector) -> tuple[Vector, Vector]:
+        """lower and upper (k,): λ_N ≥ 0, and |λ_F| ≤ stuck_bound (S,)."""
+        lower, upper = self._one_sided
+        if self.sticking.size == 0:
+            return lower, upper
+        lower, upper = lower.copy(), upper.copy()
+        lower[self.sticking_column] = -stuck_bound
+        upper[self.sticking_column] = stuck_bound
+        return lower, upper
+
+    def split(self, x: Vector, n_frictions: int) -> tuple[Vector, Vector]:
+        """λ_N (N,) and λ_F (F,), 0 where sliding, from the QP's x (k,)."""
+        lam_F = np.zeros(n_frictions)
+        lam_F[self.sticking] = x[self.sticking_column]
+        return x[self.normal_column], lam_F
+
+    @cached_property
+    def _one_sided(self) -> tuple[Vector, Vector]:
+        return np.zeros(self.k), np.full(self.k, np.inf)

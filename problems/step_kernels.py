@@ -1,0 +1,171 @@
+"""The arithmetic of one time step, compiled: what is done at every step, whether or not anything
+happens.  What the formulas mean is said in `problems.events` and `problems.velocity`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from problems.compiled import kernel
+from problems.contact_kernels import clearance_on_path, clearances, place_corners
+from problems.dips import ARRIVAL, MAX_HALVINGS, first_dip, floor_of
+
+ROUNDING = 1e-12
+"""A gap that closes by less than this has not changed [m]."""
+FORGET_LEVEL = 1e-6
+"""A reference level is forgotten once the corner is this far outside [m]."""
+END_SLACK = 1e-6
+"""How far a corner may pass the end of its edge before it has left it, per edge length."""
+
+
+@kernel
+def largest_motion(before, after, radius):
+    """The farthest that any point of a body has moved between q (3n,) `before` and `after`."""
+    most = 0.0
+    for b in range(radius.size):
+        x, y = after[3 * b] - before[3 * b], after[3 * b + 1] - before[3 * b + 1]
+        turn = abs(after[3 * b + 2] - before[3 * b + 2])
+        most = max(most, np.sqrt(x * x + y * y) + radius[b] * turn)
+    return most
+
+
+@kernel
+def farthest_way(velocity, curvature, h, radius):
+    """Bound of how far any point moves on the path h (velocity + h curvature), there and back."""
+    most = 0.0
+    for b in range(radius.size):
+        speed = np.zeros(3)
+        for j in range(3):
+            i = 3 * b + j
+            speed[j] = max(abs(velocity[i]), abs(velocity[i] + 2 * h * curvature[i]))
+        most = max(most, np.sqrt(speed[0] ** 2 + speed[1] ** 2) + radius[b] * speed[2])
+    return h * most
+
+
+@kernel
+def sink_levels(clearance, free, level):
+    """`Candidates.note_clearances`; level (L,) is modified."""
+    for i in range(level.size):
+        if free[i]:
+            if level[i] < 0.0 and clearance[i] > FORGET_LEVEL:
+                level[i] = 0.0
+            elif clearance[i] < level[i] - ROUNDING:
+                level[i] = clearance[i]
+
+
+@kernel
+def arrive(
+    q0,
+    velocity,
+    curvature,
+    h,
+    listed_at,
+    radius,
+    corner,
+    part,
+    level,
+    free,
+    places,
+    corner_body,
+    corner_local,
+    part_body,
+    normal,
+    offset,
+    start,
+    length,
+):
+    """The end q = q0 + h (velocity + h curvature) of a path, and whether anything happens there.
+
+    Returns q (3n,), its pose, the clearances (L,) of the candidates, how far a body has moved since
+    they were listed, whether a free one may hit something on the way, and whether a
+    place (N, 3) of J_N is beyond an end of its edge.
+    """
+    q = np.empty_like(q0)
+    for i in range(q.size):
+        q[i] = q0[i] + h * (velocity[i] + h * curvature[i])
+    corners, centres, cosine, sine = place_corners(q, corner_body, corner_local)
+    moved = largest_motion(listed_at, q, radius)
+    clearance = clearances(corners, centres, cosine, sine, corner, part, part_body, normal, offset)
+    reach = 2.0 * farthest_way(velocity, curvature, h, radius) + ARRIVAL
+    phi = np.empty((MAX_HALVINGS + 2, offset.shape[1]))
+    right, left = np.empty(MAX_HALVINGS + 2), np.empty(offset.shape[1])
+    hit = False
+    for i in range(level.size):
+        gap = clearance[i] - level[i]
+        if hit or not free[i] or gap > reach:  # two points cannot meet and part as far again
+            continue
+        c, p = corner[i], part[i]
+        before = clearance_on_path(
+            *(q0, velocity, curvature, 0.0, c, p),
+            *(corner_body, corner_local, part_body, normal, offset),
+        )
+        hit = gap < min(0.0, before - level[i]) - ROUNDING or (
+            first_dip(
+                *(q0, velocity, curvature, h, corner_body[c], part_body[p], corner_local[c]),
+                *(normal[p], offset[p], floor_of(before, level[i]), phi, right, left),
+            )[1]
+            <= h
+        )
+    ended = False
+    for i in range(places.shape[0]):
+        c, p, e = places[i, 0], places[i, 1], places[i, 2]
+        b = part_body[p]
+        x, y = normal[p, e, 0], normal[p, e, 1]
+        tx, ty = -(sine[b] * x + cosine[b] * y), cosine[b] * x - sine[b] * y
+        along = tx * (corners[c, 0] - centres[b, 0]) + ty * (corners[c, 1] - centres[b, 1])
+        along -= start[p, e]
+        slack = END_SLACK * length[p, e]
+        ended |= along < -slack or along > length[p, e] + slack
+    return q, corners, centres, cosine, sine, clearance, moved, hit, ended
+
+
+@kernel
+def momentum(b, force, D, h):
+    """d = D b/h + D⁻ᵀ f (3.2), (m,), and its largest entry, NaN where there is one."""
+    d, largest = np.empty_like(b), 0.0
+    for i in range(b.size):
+        d[i] = D[i] * b[i] / h + force[i] / D[i]
+        if not abs(d[i]) <= largest:
+            largest = abs(d[i])
+    return d, largest
+
+
+@kernel
+def outcome(entries, bodies, x, b, d, D, h, alpha0):
+    """q̇ = (h/α₀) D⁻¹ (A x + d) and q̈ = (α₀ q̇ − b)/h (3.1b), (m,).
+
+    entries (k, 6), bodies (k, 2) : the columns of G that x (k,) belongs to
+    """
+    v, a = np.zeros_like(d), np.empty_like(d)
+    for j in range(x.size):
+        if x[j] != 0.0:
+            for side in range(2):
+                body = bodies[j, side]
+                if body >= 0:
+                    for l in range(3):
+                        v[3 * body + l] += entries[j, 3 * side + l] * x[j]
+    for i in range(v.size):
+        v[i] = h / alpha0 * (v[i] / D[i] + d[i]) / D[i]
+        a[i] = (alpha0 * v[i] - b[i]) / h
+    return v, a
+
+
+@kernel
+def weighted_norm(D, v):
+    """‖v‖_M = ‖D v‖₂ (2.19)."""
+    total = 0.0
+    for i in range(v.size):
+        total += (D[i] * v[i]) ** 2
+    return np.sqrt(total)
+
+
+@kernel
+def fastest_body(D, v):
+    """max_i ‖q̇_i‖_M over the bodies."""
+    most = 0.0
+    for b in range(v.size // 3):
+        total = 0.0
+        for i in range(3 * b, 3 * b + 3):
+            total += (D[i] * v[i]) ** 2
+        most = max(most, total)
+    return np.sqrt(most)
