@@ -36,7 +36,8 @@ def both(name: str, parameters: dict, **options):
 )
 def test_quiet_steps_are_those_of_the_stepper(name, parameters, until):
     kept, left = both(name, parameters, until=until)
-    assert left.counts == kept.counts
+    # rounding may decide whether (4.8) is posed once more, without its Coulomb rows
+    assert left.counts == kept.counts | {"qps": pytest.approx(kept.counts["qps"], abs=1)}
     assert [event.kind for event in left.event_log] == [event.kind for event in kept.event_log]
     np.testing.assert_allclose(left.t, kept.t, rtol=0, atol=SAME)
     np.testing.assert_allclose(left.q, kept.q, rtol=0, atol=SAME)
