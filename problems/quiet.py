@@ -118,6 +118,7 @@ def quiet_solver(stepper: Stepper) -> TakesQuietSteps | None:
     """The solver of a simulation, if quiet steps may be left to it."""
     solver = stepper.qps.solver
     able = hasattr(solver, "take_quiet_steps") and not stepper.qps.keep
+    able &= stepper.options.drift == "none"
     constant = all(getattr(force, "constant", False) for force in stepper.forces)
     return solver if able and constant else None  # type: ignore[return-value]
 

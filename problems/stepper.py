@@ -39,6 +39,7 @@ from problems.assembly import Assembly
 from problems.bodies import mass_diagonal
 from problems.constraint_graph import ConstraintGraph, Contact, Friction, Normal
 from problems.contacts import Geometry
+from problems.drift import DRIFT_RULES, DRIFT_TIME, DriftRule, correction
 from problems.events import (
     SAME_TIME,
     Arrival,
@@ -64,7 +65,7 @@ from problems.run import NO_MULTIPLIERS, Event, Multipliers, Run
 from problems.scenes import Scene
 from problems.sequence import QPSequence, SimulationError, SolvesQPs
 from problems.step_kernels import fastest_body
-from problems.velocity import STUCK, VelocityEquations, VelocityStep
+from problems.velocity import NOTHING, STUCK, VelocityEquations, VelocityStep
 
 MAX_TRIES = 60
 """Trials of one step before the simulation gives up."""
@@ -76,8 +77,8 @@ JAM_TRIALS = 2
 """Trials of a step in which the friction passes may fail to settle before contacts jam."""
 JAM_STEP = 1e-4
 """Longest step in which contacts catch [s]: the jump in q̇ does not depend on it."""
-REST_TIME = 0.3
-"""How long all bodies must be still to be at rest [s]."""
+REST_HORIZON = 0.3
+"""At rest, no body would double its `rest_speed` in this time if it kept its acceleration [s]."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,10 @@ class StepperOptions:
     h_first, h_max : first and largest step [s]
     order : r of AB-r and BDF-r once it has started, 1 or 2
     impulses : "paper" or "newton_coulomb", see `problems.impulses`
-    rest_speed : ‖q̇_i‖_M of every body below which the system is still; default 2 ε
+    rest_speed : at rest, ‖q̇_i‖_M ≤ rest_speed and ‖q̈_i‖_M ≤ rest_speed / `REST_HORIZON` for every
+        body; default 2 ε
+    drift, drift_time : "none", "baumgarte" with τ = drift_time [s], or "projection", see
+        `problems.drift`
     """
 
     eps: float
@@ -103,9 +107,11 @@ class StepperOptions:
     rest_speed: float = 0.0
     order: int = 2
     impulses: ImpulseRule = "paper"
+    drift: DriftRule = "none"
+    drift_time: float = DRIFT_TIME
 
     def __post_init__(self) -> None:
-        for name in ("eps", "drop_tol", "h_first", "h_max", "rest_speed"):
+        for name in ("eps", "drop_tol", "h_first", "h_max", "rest_speed", "drift_time"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise ValueError(f"{name} = {value!r}; it must be a positive number")
@@ -113,6 +119,8 @@ class StepperOptions:
             raise ValueError(f"fixed_step = {self.fixed_step!r}; it must be a positive number")
         if self.impulses not in ("paper", "newton_coulomb"):
             raise ValueError(f'impulses = {self.impulses!r}; choose "paper" or "newton_coulomb"')
+        if self.drift not in DRIFT_RULES:
+            raise ValueError(f"drift = {self.drift!r}; choose one of {', '.join(DRIFT_RULES)}")
         if self.order not in (1, 2):
             raise ValueError(f"order = {self.order!r}; choose 1 or 2")
         if self.friction not in ("paper", "corrected"):
@@ -133,6 +141,8 @@ def simulate(
     rest_speed: float | None = None,
     order: int = 2,
     impulses: ImpulseRule = "paper",
+    drift: DriftRule = "none",
+    drift_time: float = DRIFT_TIME,
     keep_qps: bool = True,
     progress: Callable[[float], None] | None = None,
 ) -> Run:
@@ -157,6 +167,8 @@ def simulate(
         rest_speed=2 * eps if rest_speed is None else rest_speed,
         order=order,
         impulses=impulses,
+        drift=drift,
+        drift_time=drift_time,
     )
     end = scene.end_time if until is None else float(until)
     if not (np.isfinite(end) and end > 0):
@@ -193,6 +205,7 @@ class Stepper:
             velocity_dependent=any(force.velocity_dependent for force in forces),
             eps=options.eps,
             friction=options.friction,
+            drift_time=options.drift_time if options.drift == "baumgarte" else np.inf,
         )
         self.gain_watch = GainWatch(self.D, self.equations.velocity_dependent)
         self.t = 0.0
@@ -203,7 +216,6 @@ class Stepper:
         self.slowest_approach = 1e-3 * options.drop_tol
         self.counts = dict.fromkeys(("steps", "rejected_steps", "restarts", "impulses"), 0)
         self.event_log: list[Event] = []
-        self._still_since: float | None = None
         self._standstill = 0
         self._last: VelocityStep | None = None
         self.at_rest = False
@@ -411,9 +423,22 @@ class Stepper:
             self.graph.hand_over(normal, place)
         self.graph.active_set()  # what was handed over is not free
         self.graph.candidates.note_clearances(arrival.clearance)
+        gaps = step.assembly.columns.phi
+        if self.options.drift == "projection":
+            gaps = self._project(step)
         self.counts["steps"] += 1
         self._standstill = 0
-        self._record(step)
+        self._record(step, gaps)
+
+    def _project(self, step: VelocityStep) -> Vector:
+        """Close the gaps of the contacts that bear a load; φ (N,) of all after it."""
+        assembly = step.assembly
+        loaded = np.flatnonzero(step.lam_N > 0)
+        sticking = np.flatnonzero([friction.sign == 0 for friction in assembly.frictions])
+        wanted = np.concatenate([-assembly.columns.phi[loaded], np.zeros(sticking.size)])
+        A = assembly.scaled(loaded, sticking, self.D)
+        self.q, self._last = self.q + correction(A, self.D, wanted), None
+        return Assembly(self.graph, self.q).columns.phi
 
     def _after_step(
         self,
@@ -626,28 +651,26 @@ class Stepper:
 
     # --- records ---------------------------------------------------------------------------------
 
-    def _record(self, step: VelocityStep | None = None) -> None:
+    def _record(self, step: VelocityStep | None = None, gaps: Vector = NOTHING) -> None:
         """Keep the state; no array of it is written to again."""
         rows, gap = NO_MULTIPLIERS, np.inf
         if step is not None:
             active = step.assembly.active
             rows = Multipliers(active.normal_ids, active.friction_ids, step.lam_N, step.lam_F)
             if step.lam_N.size:
-                gap = float(step.assembly.columns.phi.min())
+                gap = float(gaps.min())
         self.states.append((self.t, self.q, self.history.v, rows, gap))
 
     def _watch_rest(self) -> None:
-        if fastest_body(self.D, self.history.v) > self.options.rest_speed:
-            self._still_since = None
-        elif self._still_since is None:
-            self._still_since = self.t
-        elif (
-            self.scene.stop_at_rest
-            and self.t - self._still_since >= REST_TIME
-            and not self.scheduled()
+        """Whether all bodies are still, and nothing that is ahead or acts on them changes that."""
+        if not self.scene.stop_at_rest or not self.history.a or self.scheduled():
+            return
+        fastest = fastest_body(self.D, self.history.v)
+        if max(fastest, REST_HORIZON * fastest_body(self.D, self.history.a[0])) <= (
+            self.options.rest_speed
         ):
             self.at_rest = True
-            self._log("rest", f"still since t = {self._still_since:.4f}")
+            self._log("rest", "")
 
     def _log(self, kind: str, detail: str) -> None:
         self.event_log.append(Event(self.t, kind, detail))

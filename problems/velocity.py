@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from problems.assembly import Assembly, scaled_matrix
+from problems.drift import correction
 from problems.friction import (
     FrictionRule,
     coulomb_rows,
@@ -30,9 +31,10 @@ from problems.friction import (
 )
 from problems.friction_kernels import driven_forces, force_change, forced_signs
 from problems.friction_passes import newton_multipliers
+from problems.layout import Layout
 from problems.minimum_norm import least_norm, surely_independent
 from problems.multistep import History
-from problems.qp import LARGEST, Vector
+from problems.qp import LARGEST, Matrix, Vector
 from problems.sequence import QPSequence
 from problems.step_kernels import momentum, outcome, weighted_norm
 
@@ -71,6 +73,7 @@ class VelocityEquations:
     """The system that is stepped: D with M = DᵀD, the forces f(q, q̇, t), the tolerances.
 
     eps : ε of (3.5);  friction : see `problems.friction`
+    drift_time : τ of Baumgarte's stabilization [s], ∞ without it, see `problems.drift`
     """
 
     D: Vector
@@ -78,6 +81,7 @@ class VelocityEquations:
     velocity_dependent: bool
     eps: float
     friction: FrictionRule
+    drift_time: float = np.inf
 
     def norm(self, v: Vector) -> float:
         """‖v‖_M (2.19)."""
@@ -114,6 +118,11 @@ class VelocityEquations:
         if rubs:
             lam_star = self._first_guess(assembly, history, q_before, t, h, signs, known)
         redundant = rubs and not surely_independent(A)
+        lean: Vector | None = None
+        if self.drift_time < np.inf:
+            # the QP is posed for q̇ − u/τ
+            lean = self._lean(A, assembly, layout)
+            b = b - alpha0 * lean
         change_before = np.inf
         for number in range(1, MAX_PASSES + 1):
             pushed = self.forces(q, guess, t)
@@ -140,6 +149,9 @@ class VelocityEquations:
             )
             x = np.asarray(solution.x)
             v, a = outcome(entries, bodies, x, b, d, D, h, alpha0)
+            gap_speed = assembly.gap_speed(v)
+            if lean is not None:
+                v = v + lean
             if redundant:
                 coulomb = coulomb_rows(assembly, layout) if correct else None
                 x = least_norm(qps, qp, x, coulomb)
@@ -153,7 +165,7 @@ class VelocityEquations:
                 a=a,
                 lam_N=lam_N,
                 lam_F=lam_F + driven,
-                gap_speed=assembly.gap_speed(v),
+                gap_speed=gap_speed,
                 slip_speed=slip,
                 at_bound=at_bound,
                 assembly=assembly,
@@ -176,6 +188,12 @@ class VelocityEquations:
             if correct:
                 lam_star = newton_multipliers(assembly, D, signs, lam_star, lam_N, lam_F, v)
         return step._replace(settled=False)
+
+    def _lean(self, A: Matrix, assembly: Assembly, layout: Layout) -> Vector:
+        """u/τ (3n,): the velocity that closes the gaps of active contacts within τ."""
+        wanted = np.zeros(layout.k)
+        wanted[layout.normal_column] = -assembly.columns.phi
+        return correction(A, self.D, wanted) / self.drift_time
 
     def _first_guess(
         self,
