@@ -178,14 +178,18 @@ def _cpu_time(limit: float) -> Iterator[None]:
 
 
 def run_all(
-    seed: int, numbers: Sequence[int], workers: int, limit: float, console: Console
+    seed: int, numbers: Sequence[int], workers: int, limit: float, folder: Path, console: Console
 ) -> dict[int, Outcome]:
-    """The outcome of every scene, in the order of their numbers."""
+    """The outcome of every scene, in the order of their numbers; failures are saved in `folder`."""
     outcomes: dict[int, Outcome] = {}
     with ProcessPoolExecutor(workers) as pool, shown("heaps", console) as tell:
         pending = {pool.submit(run_case, case(seed, i), limit): i for i in numbers}
         for done in as_completed(pending):
-            outcomes[pending[done]] = done.result()
+            number, outcome = pending[done], done.result()
+            outcomes[number] = outcome
+            if outcome.failure:
+                path = save(folder, number, case(seed, number), outcome)
+                console.print(f"{path}: {outcome.failure}: {outcome.detail}", highlight=False)
             failed = sum(bool(outcome.failure) for outcome in outcomes.values())
             tell(f"{failed} failed", len(outcomes), len(numbers))
     return {number: outcomes[number] for number in sorted(outcomes)}
@@ -274,12 +278,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             console.print(f"{name:10s} {value}", highlight=False)
         return int(bool(outcome.failure))
     numbers = range(chosen.first, chosen.first + chosen.count)
-    outcomes = run_all(chosen.seed, numbers, chosen.workers, chosen.limit, console)
+    outcomes = run_all(chosen.seed, numbers, chosen.workers, chosen.limit, chosen.out, console)
     console.print(table_of(outcomes))
-    for number, outcome in outcomes.items():
-        if outcome.failure:
-            path = save(chosen.out, number, case(chosen.seed, number), outcome)
-            console.print(f"{path}: {outcome.failure}: {outcome.detail}", highlight=False)
     return int(any(outcome.failure for outcome in outcomes.values()))
 
 
