@@ -80,17 +80,8 @@ class Candidates:
         return corner * len(self.geometry.part_body) + part
 
     def _list(self, q: Vector, margin: float) -> None:
-        geometry, levels = self.geometry, self.levels()
-        pose = geometry.pose(q)
-        corners, parts = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-        for p, r in geometry.near_pairs(pose, margin):
-            for one, other in ((p, r), (r, p)):
-                first, size = geometry.part_first[one], geometry.part_size[one]
-                corners.append(np.arange(first, first + size))
-                parts.append(np.full(size, other))
-        corner, part = np.concatenate(corners), np.concatenate(parts)
-        near = geometry.clearance(pose, corner, part) <= margin
-        self.corner, self.part = corner[near], part[near]
+        levels = self.levels()
+        self.corner, self.part = self.geometry.near_corners(self.geometry.pose(q), margin)
         self.level, self.free = np.zeros(self.corner.size), np.ones(self.corner.size, bool)
         self.listed_at = q
         for pair, level in levels.items():

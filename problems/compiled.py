@@ -54,6 +54,12 @@ def kernel_decorator(sources: Sequence[Path]) -> Callable[[Any], Any]:
     return kernel
 
 
-SOURCES = ("contact_kernels.py", "dips.py", "step_kernels.py", "friction_kernels.py")
+SOURCES = (
+    "contact_kernels.py",
+    "broad_phase.py",
+    "dips.py",
+    "step_kernels.py",
+    "friction_kernels.py",
+)
 
 kernel = kernel_decorator([Path(__file__), *(Path(__file__).with_name(name) for name in SOURCES)])

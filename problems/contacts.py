@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from problems.bodies import GROUND, Body
+from problems.broad_phase import near_corners
 from problems.contact_kernels import (
     clearance_on_path,
     clearances,
@@ -221,6 +222,13 @@ class Geometry:
         x, y = rotate_quarter(self.edge_normal[part, edge])
         c, s = pose.cosine[b], pose.sine[b]
         return np.array([c * x - s * y, s * x + c * y])
+
+    def near_corners(self, pose: Pose, margin: float) -> tuple[Indices, Indices]:
+        """Corners and parts (L,), (L,) of different bodies within `margin` of each other."""
+        return near_corners(
+            *(*pose, margin, self.n_moving, self.part_first, self.part_size),
+            *(self.part_body, self.edge_normal, self.edge_offset),
+        )
 
     def near_pairs(self, pose: Pose, margin: float) -> list[tuple[int, int]]:
         """Pairs of parts of different bodies whose boxes come within `margin`, sorted.

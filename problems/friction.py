@@ -71,9 +71,16 @@ def coulomb_rows(assembly: Assembly, layout: Layout) -> sp.csr_array:
 
 
 def _cones(assembly: Assembly, layout: Layout) -> sp.csr_array:
-    sticking = layout.sticking
-    count = len(sticking)
-    cone = assembly.members[sticking] * assembly.mu[sticking][:, None]
-    one = sp.eye_array(count, format="csr")
-    C = sp.vstack([sp.hstack([cone, -one]), sp.hstack([cone, one])], format="csr")
-    return C[:, layout.order]
+    rank = np.full(assembly.mu.size, -1)
+    rank[layout.sticking] = np.arange(layout.sticking.size)
+    loaded = np.flatnonzero(assembly.friction_of >= 0)
+    friction = assembly.friction_of[loaded]
+    loaded, friction = loaded[rank[friction] >= 0], friction[rank[friction] >= 0]
+    row, count = rank[friction], layout.sticking.size
+    cone, each = layout.normal_column[loaded], np.arange(count)
+    mu, one = assembly.mu[friction], np.ones(count)
+    rows = np.concatenate([row, each, count + row, count + each])
+    columns = np.concatenate([cone, layout.sticking_column, cone, layout.sticking_column])
+    return sp.csr_array(
+        (np.concatenate([mu, -one, mu, one]), (rows, columns)), shape=(2 * count, layout.k)
+    )

@@ -120,14 +120,14 @@ def arrive(
 
 
 @kernel
-def momentum(b, force, D, h):
-    """d = D b/h + D⁻ᵀ f (3.2), (m,), and its largest entry, NaN where there is one."""
-    d, largest = np.empty_like(b), 0.0
+def momentum(b, force, D, h, limit):
+    """d = D b/h + D⁻ᵀ f (3.2), (m,), and whether its entries are numbers up to ±limit."""
+    d, within = np.empty_like(b), True
     for i in range(b.size):
         d[i] = D[i] * b[i] / h + force[i] / D[i]
-        if not abs(d[i]) <= largest:
-            largest = abs(d[i])
-    return d, largest
+        if not abs(d[i]) <= limit:
+            within = False
+    return d, within
 
 
 @kernel

@@ -130,10 +130,10 @@ class VelocityEquations:
                 bound = assembly.bound(lam_star)
                 driven = driven_forces(signs, bound)
                 pushed = pushed + assembly.friction_force(driven)
-            d, largest = momentum(b, pushed, D, h)
+            d, own = momentum(b, pushed, D, h, LARGEST)
             lower, upper = layout.limits(bound[layout.sticking])
             qp, solution = qps.solve(
-                own=largest <= LARGEST,
+                own=own,
                 A=A,
                 d=d,
                 lower=lower,

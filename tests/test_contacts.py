@@ -113,6 +113,10 @@ def test_near_pairs_equal_the_double_loop(seed):
     expected += [(p, 30) for p in range(30) if low[p, 1] <= margin]
     expected += [(p, 31) for p in range(30) if low[p, 0] + 6 <= margin]
     assert g.near_pairs(pose, margin) == sorted(expected)
+    corner, part = np.indices((120, 32)).reshape(2, -1)
+    near = (corner // 4 != part) & (g.clearance(pose, corner, part) <= margin)
+    found = zip(*(a.tolist() for a in g.near_corners(pose, margin)), strict=True)
+    assert sorted(found) == list(zip(corner[near].tolist(), part[near].tolist(), strict=True))
 
 
 def test_penetration_depth():

@@ -1,0 +1,137 @@
+"""The compiled arithmetic of a time step equals its NumPy twins."""
+
+import numpy as np
+import pytest
+
+from problems.bodies import box, polygon_body
+from problems.contact_kernels import dense_columns, gather_columns
+from problems.contacts import Geometry, HalfPlane
+from problems.friction_kernels import driven_forces, forced_signs, friction_bounds
+from problems.step_kernels import (
+    END_SLACK,
+    arrive,
+    fastest_body,
+    largest_motion,
+    momentum,
+    outcome,
+    weighted_norm,
+)
+
+EXACT = {"rtol": 1e-12, "atol": 1e-12}
+
+
+@pytest.fixture(params=range(3))
+def rng(request):
+    return np.random.default_rng(request.param)
+
+
+def test_norms_and_motion(rng):
+    D, v, w = rng.uniform(1, 2, 12), rng.normal(size=12), rng.normal(size=12)
+    radius = rng.uniform(1, 2, 4)
+    assert weighted_norm(D, v) == pytest.approx(np.linalg.norm(D * v))
+    assert fastest_body(D, v) == pytest.approx(np.linalg.norm((D * v).reshape(4, 3), axis=1).max())
+    step = np.abs(w - v).reshape(4, 3)
+    far = np.hypot(step[:, 0], step[:, 1]) + radius * step[:, 2]
+    assert largest_motion(v, w, radius) == pytest.approx(far.max())
+
+
+def test_momentum_and_outcome_of_a_step(rng):
+    """(3.1b) with (3.2): q̇ = (h/α₀) D⁻¹ (A x + d), h q̈ = α₀ q̇ − b."""
+    D, b, f = rng.uniform(1, 2, 9), rng.normal(size=9), rng.normal(size=9)
+    h, alpha0 = 0.01, 1.5
+    bodies = np.array([[0, 1], [2, -1], [1, 2]])
+    entries, x = rng.normal(size=(3, 6)), np.array([0.5, 0.0, -2.0])
+    d, within = momentum(b, f, D, h, 1e9)
+    np.testing.assert_allclose(d, D * (b + h * f / D**2) / h, **EXACT)
+    assert within and not momentum(b, f, D, h, 0.5 * np.abs(d).max())[1]
+    v, a = outcome(entries, bodies, x, b, d, D, h, alpha0)
+    twin = h / alpha0 * (dense_columns(entries, bodies, D) @ x + d) / D
+    np.testing.assert_allclose(v, twin, **EXACT)
+    np.testing.assert_allclose(a, (alpha0 * twin - b) / h, rtol=1e-10)
+
+
+def test_a_nan_among_the_forces_is_told():
+    force = np.array([1.0, np.nan, 2.0])
+    assert not momentum(np.ones(3), force, np.ones(3), 0.1, np.inf)[1]
+
+
+def test_columns_are_gathered_by_row_and_direction(rng):
+    normal, tangent = rng.normal(size=(4, 6)), rng.normal(size=(4, 6))
+    bodies = rng.integers(-1, 5, (4, 2))
+    row, tangential = np.array([0, 2, 2, 3]), np.array([False, False, True, True])
+    entries, where = gather_columns(normal, tangent, bodies, row, tangential)
+    np.testing.assert_array_equal(entries, np.where(tangential[:, None], tangent[row], normal[row]))
+    np.testing.assert_array_equal(where, bodies[row])
+
+
+def test_friction_bounds_and_signs():
+    mu, friction_of = np.array([0.5, 0.2, 0.3]), np.array([0, 0, -1, 1, 2])
+    bound = friction_bounds(friction_of, mu, np.array([1.0, 2.0, 9.0, 5.0, np.inf]))
+    np.testing.assert_allclose(bound, [1.5, 1.0, np.inf])
+    signs = np.array([0.0, -1.0, 0.0])
+    np.testing.assert_array_equal(driven_forces(signs, bound), [0.0, -1.0, 0.0])
+    at = np.array([-1.5, 0.0, 7.0]), bound, np.array([1.0, 1.0, 1.0])
+    np.testing.assert_array_equal(forced_signs(signs, *at), [-1.0, -1.0, 0.0])
+    unloaded = np.zeros(3), np.zeros(3), np.array([2.0, 0.0, -2.0])
+    np.testing.assert_array_equal(forced_signs(np.zeros(3), *unloaded), [-1.0, 0.0, 1.0])
+
+
+BODIES = (box(1.0, 1.0), polygon_body([(0, 0), (2, 0), (1, 1.5)]), box(0.5, 2.0))
+
+
+def pairs(geometry):
+    """All corners and parts of different bodies."""
+    corner, part = np.indices((len(geometry.corner_body), len(geometry.part_body))).reshape(2, -1)
+    other = geometry.corner_body[corner] != geometry.part_body[part]
+    return corner[other], part[other]
+
+
+def arrival(geometry, q, velocity, curvature, h, places, level=0.0):
+    corner, part = pairs(geometry)
+    return arrive(
+        *(q, velocity, curvature, h, np.zeros_like(q), geometry.radius, corner, part),
+        *(np.full(corner.size, level), np.ones(corner.size, bool), places, *geometry.tables),
+    )
+
+
+def test_an_arrival_is_the_pose_at_the_end_of_the_path(rng):
+    geometry = Geometry(BODIES, (HalfPlane((0.1, -9.0), (0.3, 1)),))
+    q, velocity, curvature = rng.normal(size=(3, 9))
+    h = 0.3
+    found = arrival(geometry, q, velocity, curvature, h, np.zeros((0, 3), np.int64))
+    end = q + h * (velocity + h * curvature)
+    pose = geometry.pose(end)
+    for one, twin in zip(found, (end, *pose), strict=False):
+        np.testing.assert_allclose(one, twin, **EXACT)
+    np.testing.assert_allclose(found[5], geometry.clearance(pose, *pairs(geometry)), **EXACT)
+    assert found[6] == pytest.approx(largest_motion(np.zeros(9), end, geometry.radius))
+
+
+@pytest.mark.parametrize(
+    ("speed", "hits"), [(-1.0, False), (-1.99, False), (-2.01, True), (0.0, False)]
+)
+def test_an_arrival_tells_of_what_may_be_hit(speed, hits):
+    """A box 0.2 above the ground falls for 0.1 s."""
+    geometry = Geometry(BODIES[:1], (HalfPlane(),))
+    q, velocity = np.array([0.0, 0.7, 0.0]), np.array([0.0, speed, 0.0])
+    none = np.zeros((0, 3), np.int64)
+    assert arrival(geometry, q, velocity, np.zeros(3), 0.1, none)[7] == hits
+    assert not arrival(geometry, q, velocity, np.zeros(3), 0.1, none, level=-1.0)[7]
+
+
+def test_an_arrival_tells_of_a_dip_on_the_way():
+    """Down and up again within the step: at the end the box is where it was."""
+    geometry = Geometry(BODIES[:1], (HalfPlane(),))
+    q, velocity = np.array([0.0, 0.7, 0.0]), np.array([0.0, -10.0, 0.0])
+    none = np.zeros((0, 3), np.int64)
+    assert arrival(geometry, q, velocity, -velocity / 0.1, 0.1, none)[7]
+    assert not arrival(geometry, q, 0.5 * velocity, -0.5 * velocity / 0.1, 0.1, none)[7]
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.75, 0.76, -0.75, -0.76])
+def test_an_arrival_tells_of_corners_beyond_their_edge(shift):
+    """The lower left corner of a box, from the middle of the upper edge of another, 1.5 long."""
+    geometry = Geometry((box(1.5, 1.0), box(1.0, 1.0)), ())
+    q, velocity = np.array([0.0, 0.5, 0, 0.5, 1.5, 0]), np.array([0, 0, 0, shift, 0, 0])
+    found = arrival(geometry, q, velocity, np.zeros(6), 1.0, np.array([[4, 0, 2]]))
+    assert found[8] == (abs(shift) > 0.75 * (1 + END_SLACK))
