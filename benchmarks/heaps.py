@@ -12,8 +12,8 @@ every eighth friction impulses, too.  A scene fails where
     time         it takes more than `--limit` seconds of CPU time
     early        it ends before its end time
     overlap      any two parts overlap by more than 10 ε at any accepted time, by separating axes
-    energy       T + V rises by more than 1e-3 of the energy of the fall, which is the greatest
-                 amount by which V has fallen below its value at the start
+    energy       T + V rises above an earlier value by more than 1e-3 of the energy of the motion:
+                 the most by which V has fallen since the start, or T has reached
 
 Failures are written to `--out`, one JSON file each, from which `--reproduce` makes the same run.
 The exit code is 1 if there are any.  Times are CPU times; everything else is the same again on the
@@ -47,7 +47,7 @@ from solvers import make_solver
 DEEPEST = 10.0
 """Overlap that is allowed, over ε, which has the unit of a speed: in ε · 1 s."""
 RISE = 1e-3
-"""Rise of T + V that is allowed, relative to the energy of the fall."""
+"""Rise of T + V that is allowed, relative to the energy of the motion."""
 FAILURES = ("error", "time", "early", "overlap", "energy")
 """Ways to fail, see above."""
 UNENDED = FAILURES[:3]
@@ -68,7 +68,7 @@ class Case:
 class Outcome:
     """What came of a case: why it failed, if it did, and the figures of the run.
 
-    depth : the deepest overlap over ε;  rise : of T + V, over the energy of the fall
+    depth : the deepest overlap over ε;  rise : of T + V, over the energy of the motion
     steps, rejected, impulses, events, jams : counts;  cpu : [s]
     """
 
@@ -120,12 +120,12 @@ def run_case(case: Case, limit: float = LIMIT) -> Outcome:
         kind = "time" if isinstance(error, OutOfTime) else "error"
         detail = f"{type(error).__name__}: {error}"
         return Outcome(kind, detail, cpu=time.process_time() - start)
-    return examined(run, time.process_time() - start)
+    end = case.options.get("until", made.end_time)
+    return examined(run, end, time.process_time() - start)
 
 
-def examined(run: Run, cpu: float) -> Outcome:
-    """What a finished run is worth."""
-    end = run.options.get("until") or run.scene.end_time
+def examined(run: Run, end: float, cpu: float) -> Outcome:
+    """What a finished run is worth that was to end at time `end` [s]."""
     depth = float(overlap(run.scene, run.q).max()) / run.options["eps"]
     rise = energy_rise(run)
     kinds = Counter(event.kind for event in run.event_log)
@@ -135,7 +135,7 @@ def examined(run: Run, cpu: float) -> Outcome:
     elif not depth <= DEEPEST:
         failure, detail = "overlap", f"{depth:.3g} ε"
     elif not rise <= RISE:
-        failure, detail = "energy", f"{rise:.3g} of the energy of the fall"
+        failure, detail = "energy", f"{rise:.3g} of the energy of the motion"
     return Outcome(
         failure,
         detail,
@@ -151,11 +151,11 @@ def examined(run: Run, cpu: float) -> Outcome:
 
 
 def energy_rise(run: Run) -> float:
-    """The most by which T + V has risen above an earlier value, over the energy of the fall."""
-    potential = run.potential_energy()
-    total = run.kinetic_energy() + potential
-    fall = potential[0] - potential.min()
-    return float((total - np.minimum.accumulate(total)).max() / max(fall, 1e-300))
+    """The most by which T + V has risen above an earlier value, over the energy of the motion."""
+    kinetic, potential = run.kinetic_energy(), run.potential_energy()
+    total = kinetic + potential
+    motion = max(potential[0] - potential.min(), kinetic.max())
+    return float((total - np.minimum.accumulate(total)).max() / max(motion, 1e-300))
 
 
 @contextmanager

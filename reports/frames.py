@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 FRAMES = 12
 """Pictures on a sheet unless told otherwise."""
 
-GROUND = 0.0
-"""Height of the ground line [m]; a recording keeps no other."""
+LEVEL = 1e-12
+"""Planes whose normals have a smaller horizontal part are level ground, others walls."""
 
 GAP, CAPTION, TITLE = 0.12, 0.26, 0.3
 """Between frames, below each, above all [in]."""
@@ -58,12 +58,13 @@ class Window:
 
 
 def window_of(motion: Motion, poses: Sequence[Array]) -> Window:
-    """The least window, with a margin, that holds all bodies, springs and the ground."""
+    """The least window, with a margin, that holds all bodies, springs, the ground and walls."""
     points = [np.concatenate(motion.corners(pose, i)) for pose in poses for i in range(len(pose))]
     points += [ends for pose in poses for ends in motion.spring_ends(pose)]
+    points += [np.array([point]) for point, normal in motion.ground if abs(normal[0]) > LEVEL]
     everything = np.concatenate(points)
     (left, low), (right, high) = everything.min(axis=0), everything.max(axis=0)
-    low = min(low, GROUND)
+    low = min([low, *(point[1] for point, normal in motion.ground if abs(normal[0]) <= LEVEL)])
     margin = 0.06 * (high - low) + 0.02 * (right - left)
     return Window(left - margin, right + margin, low - margin, high + margin)
 
@@ -204,23 +205,15 @@ def draw_bodies(
 
     origin : mark x = 0 by a tick on the ground
     """
-    from matplotlib.patches import Polygon, Rectangle
+    from matplotlib.patches import Polygon
 
     axes.set_xlim(window.left, window.right)
     axes.set_ylim(window.bottom, window.top)
     axes.set_axis_off()
-    earth = Rectangle(
-        (window.left, window.bottom),
-        window.width,
-        GROUND - window.bottom,
-        facecolor=FAINT,
-        edgecolor="none",
-        alpha=0.6,
-    )
-    axes.add_patch(earth)
-    axes.plot([window.left, window.right], [GROUND] * 2, color=SOFT, linewidth=0.9, zorder=1)
+    for point, normal in motion.ground:
+        _draw_half_plane(axes, np.asarray(point), np.asarray(normal), window)
     if origin and window.left < 0 < window.right:
-        axes.plot([0, 0], [GROUND, window.bottom], color=SOFT, linewidth=0.9, zorder=1)
+        axes.plot([0, 0], [0, window.bottom], color=SOFT, linewidth=0.9, zorder=1)
     for ends in motion.spring_ends(pose):
         _draw_spring(axes, *ends)
     for body in range(len(pose)):
@@ -247,6 +240,21 @@ def draw_bodies(
             zorder=4,
             clip_on=True,
         )
+
+
+def _draw_half_plane(axes: Axes, point: Array, normal: Array, window: Window) -> None:
+    """What of a half plane is in the window, which clips it."""
+    from matplotlib.patches import Polygon
+
+    out = normal / np.hypot(*normal)
+    middle = np.array([window.left + window.right, window.bottom + window.top]) / 2
+    foot = middle - ((middle - point) @ out) * out
+    along = np.array([-out[1], out[0]]) * np.hypot(window.width, window.height)
+    deep = out * np.hypot(window.width, window.height)
+    ends = np.array([foot - along, foot + along])
+    earth = Polygon([*ends, *(ends[::-1] - deep)], facecolor=FAINT, edgecolor="none", alpha=0.6)
+    axes.add_patch(earth)
+    axes.plot(*ends.T, color=SOFT, linewidth=0.9, zorder=1)
 
 
 def _number_size(axes: Axes, motion: Motion, body: int, window: Window) -> float:

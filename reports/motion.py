@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from problems import scene
+from problems.contacts import HalfPlane
+
 Array = NDArray[np.float64]
 
 PAPER_TIMES = {"fig3": (0.7302, 2.1151, 4.0002)}
@@ -25,6 +28,7 @@ class Motion:
     v : (n, bodies, 3) their velocities [m/s, m/s, rad/s]
     polygons : per body, its convex parts, each (c, 2) in body coordinates [m]
     springs : (body index, point in body coordinates, anchor in the plane) of each
+    ground : half planes that do not move, each (point [m], normal out of it)
     """
 
     label: str
@@ -33,6 +37,7 @@ class Motion:
     v: Array
     polygons: Sequence[Sequence[Array]]
     springs: Sequence[tuple[int, Sequence[float], Sequence[float]]] = ()
+    ground: Sequence[tuple[Sequence[float], Sequence[float]]] = (((0.0, 0.0), (0.0, 1.0)),)
 
     def pose(self, t: float) -> Array:
         """x, y, φ of each body at time t, (bodies, 3), linear between accepted steps."""
@@ -71,6 +76,7 @@ def motion_of(source: Any) -> Motion:
     if hasattr(source, "polygons"):
         label, polygons = str(source.scene), source.polygons
         springs = _recorded_springs(source.parameters, polygons, q)
+        planes = _recorded_ground(label, source.parameters)
     else:
         label, polygons = str(source.scene.label), [body.polygons for body in source.scene.bodies]
         springs = [
@@ -78,9 +84,23 @@ def motion_of(source: Any) -> Motion:
             for force in source.scene.forces
             if hasattr(force, "anchor")
         ]
+        planes = source.scene.ground
     if t.size == 0:
         raise ValueError(f"{label} holds no steps, so there is nothing to draw")
-    return Motion(label, t, q, v, polygons, springs)
+    ground = [(plane.point, plane.normal) for plane in planes]
+    return Motion(label, t, q, v, polygons, springs, ground)
+
+
+def _recorded_ground(label: str, parameters: Mapping[str, Any]) -> Sequence[HalfPlane]:
+    """The half planes of a recorded scene; a recording keeps none, so it is made again.
+
+    Plain ground for a scene that is not known here.
+    """
+    own = {name: value for name, value in parameters.items() if not name.startswith("run.")}
+    try:
+        return scene(label.partition(",")[0], **own).ground
+    except ValueError:
+        return (HalfPlane(),)
 
 
 def _recorded_springs(

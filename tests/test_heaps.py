@@ -1,16 +1,20 @@
 """Polygons that are dropped in a heap: every simulation ends, and ends well."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from benchmarks import heaps
 from benchmarks.heaps import Case, case, energy_rise, examined, load, run_case, save
+from harness.record import recording_of
 from harness.run_physics import overlap
 from problems import scene, simulate
 from problems.bodies import polygon_body
 from problems.scenes import Scene
+from reports.frames import window_of
+from reports.motion import motion_of
 from solvers import make_solver
 
 
@@ -59,15 +63,15 @@ def test_what_goes_wrong_is_a_failure():
     assert run_case(Case("rain", {"bodies": 0})).failure == "error"
     assert run_case(case(0, 1), limit=0.05).failure == "time"
     run = simulate(scene("rain", bodies=5, end_time=0.8), lotstedt(), keep_qps=False)
-    assert not examined(run, 0.0).failure
+    assert not examined(run, 0.8, 0.0).failure
     run.q[-1, 0] = run.q[-1, 1]
-    assert examined(run, 0.0).failure == "overlap"
+    assert examined(run, 0.8, 0.0).failure == "overlap"
     run = simulate(scene("rain", bodies=5, end_time=0.8), lotstedt(), keep_qps=False)
     assert energy_rise(run) < 1e-3
     run.v[-1] *= 2.0
-    assert examined(run, 0.0).failure == "energy"
+    assert examined(run, 0.8, 0.0).failure == "energy"
     run.t[-1] = 0.7
-    assert examined(run, 0.0).failure == "early"
+    assert examined(run, 0.8, 0.0).failure == "early"
 
 
 def test_the_table_counts_failures(tmp_path, capsys):
@@ -76,3 +80,16 @@ def test_the_table_counts_failures(tmp_path, capsys):
     row = next(line for line in capsys.readouterr().out.splitlines() if "failed: time" in line)
     assert [cell.strip() for cell in row.strip("│").split("│")[1:]] == ["2", "1", "1"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["0.json", "1.json"]
+
+
+def test_walls_are_in_the_picture_from_runs_and_recordings():
+    made = scene("rain", bodies=5, columns=2, end_time=0.1)
+    run = simulate(made, lotstedt())
+    walls = [plane.point[0] for plane in made.ground[1:]]
+    for source in (run, recording_of(run, "lotstedt")):
+        motion = motion_of(source)
+        window = window_of(motion, [run.q[0]])
+        assert window.left < min(walls) < max(walls) < window.right
+        assert window.bottom < 0.0
+    stranger = motion_of(replace(recording_of(run, "lotstedt"), scene="of a plug-in"))
+    assert stranger.ground == [((0.0, 0.0), (0.0, 1.0))]
