@@ -10,11 +10,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from problems.contacts import Geometry
+from problems.contacts import CONTACT_TOL, Geometry
 from problems.qp import Indices, Vector
 from problems.step_kernels import FORGET_LEVEL, largest_motion, sink_levels
 
 __all__ = ["FORGET_LEVEL", "Candidates"]
+
+FEW = 30
+"""Up to so many bodies, to look at more candidates is cheaper than to list them more often."""
 
 
 class Candidates:
@@ -25,7 +28,8 @@ class Candidates:
 
     def __init__(self, geometry: Geometry):
         self.geometry = geometry
-        self.margin = 0.25 / 1e-3 * geometry.contact_tol
+        shortest = geometry.contact_tol / CONTACT_TOL
+        self.margin = shortest * (1.0 if geometry.n_bodies <= FEW else 0.25)
         self.listed_at = np.full(3 * geometry.n_bodies, np.inf)
         self.corner, self.part = np.zeros(0, np.int64), np.zeros(0, np.int64)
         self.level, self.free = np.zeros(0), np.zeros(0, bool)

@@ -35,8 +35,9 @@ EPS, DROP_TOL, H_MAX, FIXED, REST_SPEED, SHORTEST, UNTIL, REACH = range(3, 11)
 GROWTH, SAFETY, ROUNDING, FORGET, END_SLACK, CONTACT_TOL = range(11, 17)
 AT_BOUND, FIRST_RATE, SAFE_FRACTION = range(17, 20)
 # entries of `QuietSteps.counts`: steps since the last restart, steps taken, QPs solved, highest
-# order, whether the candidates have to be listed anew, time points with λ, corrected friction
-STEPS, TAKEN, SOLVES, HIGHEST, STALE, KNOWN, CORRECTED = range(7)
+# order, whether the candidates have to be listed anew, time points with λ, corrected friction,
+# steps rejected because they were too long for a first one
+STEPS, TAKEN, SOLVES, HIGHEST, STALE, KNOWN, CORRECTED, REJECTED = range(8)
 
 
 class Shapes(NamedTuple):
@@ -135,7 +136,9 @@ def take_quiet_steps(stepper: Stepper, solver: TakesQuietSteps, end: float) -> b
         if solution is None:
             return taken > 0
         steps = int(run.counts[TAKEN])
-        stepper.qps.went_on(solution, steps)
+        rejected = int(run.counts[REJECTED])
+        stepper.qps.went_on(solution, steps + rejected)
+        stepper.counts["rejected_steps"] += rejected
         if steps:
             _follow(stepper, run, active, steps)
         taken += steps
@@ -187,7 +190,7 @@ def _prepare(stepper: Stepper, active: ActiveSet, end: float) -> QuietSteps:
             ]
         ),
         counts=np.array(
-            [history.steps, 0, 0, history.highest, 0, stepper.lam_known, int(corrected)]
+            [history.steps, 0, 0, history.highest, 0, stepper.lam_known, int(corrected), 0]
         ),
         track=np.empty((MOST, 1 + 2 * stepper.q.size)),
         gaps=np.empty(MOST),

@@ -55,7 +55,7 @@ def test_quiet_steps_are_those_of_the_stepper(name, parameters, until):
         ("fig2", 0.5, {"fixed_step": 1e-3}),
         ("fig2", 0.5, {"order": 1}),
         ("fig2", 0.5, {"eps": 1e-5}),
-        ("fig4", 0.16, {"friction": "paper", "eps": 3e-4}),
+        ("fig4", 0.12, {"friction": "paper", "eps": 3e-4}),
         ("fig4", 0.5, {"impulses": "newton_coulomb"}),
     ],
 )

@@ -21,7 +21,7 @@ from problems.contact_kernels import (
     own_gains,
     place_corners,
 )
-from problems.dips import find_dips, floor_of
+from problems.dips import ARRIVAL, MAX_HALVINGS, first_dip, floor_of
 from problems.quiet import (
     A_BEFORE,
     AT_BOUND,
@@ -38,6 +38,7 @@ from problems.quiet import (
     HIGHEST,
     KNOWN,
     REACH,
+    REJECTED,
     REST_SPEED,
     ROUNDING,
     SAFE_FRACTION,
@@ -56,7 +57,7 @@ from problems.quiet import (
     Q,
     V,
 )
-from problems.step_kernels import largest_motion
+from problems.step_kernels import farthest_way, largest_motion
 from solvers.active_set.compiled import kernel
 from solvers.active_set.loop import SOLVED, WARM, algorithm_2
 from solvers.active_set.workspace import COUNTS, STATUS, X
@@ -200,7 +201,9 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
     A_posed, d_posed, lower_posed, upper_posed = posed
     m, k, N, F = D.size, run.order.size, place.shape[0], run.mu.size
     q, v, a, r = np.empty(m), np.empty(m), np.empty(m), np.empty(m)
-    bend, before, floor = np.empty(m), np.empty(corner.size), np.empty(corner.size)
+    bend, before = np.empty(m), np.empty(corner.size)
+    phis = np.empty((MAX_HALVINGS + 2, shapes.edge_offset.shape[1]))
+    right, left = np.empty(MAX_HALVINGS + 2), np.empty(shapes.edge_offset.shape[1])
     slip, slides, inverse_mass = np.zeros(F), run.signs.any(), 1 / D**2
     lam_N, lam_F, bound, new_bound = np.zeros(N), np.zeros(F), np.zeros(F), np.zeros(F)
     q[:] = state[Q]
@@ -216,11 +219,14 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
             slip[j] = speed[first[j]]
             if run.signs[j] * slip[j] > 0.0:
                 return
+    spring = F > 0 and not (counts[CORRECTED] and len(run.sticking) == F)
+    longest = inf
     while counts[TAKEN] < run.gaps.size:
         steps = counts[STEPS]
         order = 1 if steps < 2 else counts[HIGHEST]
         h = next_length(state, reals, steps, order, D)
-        if reals[TIME] + h >= reals[UNTIL] or (F > 0 and counts[KNOWN] == 0):
+        h = min(h, longest)
+        if reals[TIME] + h >= reals[UNTIL] or (spring and counts[KNOWN] == 0):
             return
         for i in range(m):  # (3.1a)
             bend[i] = (state[V, i] - state[V_BEFORE, i]) / (2 * reals[H]) if order == 2 else 0.0
@@ -230,15 +236,19 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
             return
         pose = place_corners(q, shapes.corner_body, shapes.corner_local)
         after = clearances(*pose, corner, part, *edges)
+        reach = 2.0 * farthest_way(state[V], bend, h, shapes.radius) + ARRIVAL
         for i in range(corner.size):
-            floor[i] = floor_of(before[i], level[i])
-        _, inside = find_dips(
-            *(state[Q], state[V], bend, h, corner, part, floor),
-            *(shapes.corner_body, shapes.corner_local, *edges),
-        )
-        for i in range(corner.size):
-            least = min(0.0, before[i] - level[i]) - reals[ROUNDING]
-            enters = after[i] - level[i] < least or inside[i] <= h
+            gap, c, p = after[i] - level[i], corner[i], part[i]
+            if gap > reach:  # two points cannot meet and part as far again
+                continue
+            enters = gap < min(0.0, before[i] - level[i]) - reals[ROUNDING] or (
+                first_dip(
+                    *(state[Q], state[V], bend, h, shapes.corner_body[c], shapes.part_body[p]),
+                    *(shapes.corner_local[c], shapes.edge_normal[p], shapes.edge_offset[p]),
+                    *(floor_of(before[i], level[i]), phis, right, left),
+                )[1]
+                <= h
+            )
             if enters and not covered(
                 i, corner, part, shapes.corner_part, place, pose[0], reals[CONTACT_TOL]
             ):
@@ -261,7 +271,7 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
         if F > 0:  # (4.2), (4.3)
             for j in range(N):
                 change = run.lam[j] - run.lam_before[j] if counts[KNOWN] > 1 else 0.0
-                lam_N[j] = max(0.0, run.lam[j] + w * change)
+                lam_N[j] = max(0.0, run.lam[j] + w * change) if counts[KNOWN] else inf
             friction_bounds(run.friction_of, run.mu, lam_N, bound)
             for j in range(F):
                 lam_F[j] = run.signs[j] * bound[j]
@@ -307,7 +317,12 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
             a[i] = (alpha0 * v[i] - a[i]) / h
             size += (D[i] * a[i]) ** 2
         if steps == 0 and reals[FIXED] <= 0.0 and h * sqrt(size) > 2 * reals[EPS]:
-            return
+            if h <= 100 * reals[SHORTEST]:
+                return
+            longest = reals[SAFETY] * 2 * reals[EPS] / sqrt(size)
+            counts[REJECTED] += 1
+            continue
+        longest = inf
         if F > 0:
             speed = column_speeds(g_F, bodies, v)
             for j in range(F):
