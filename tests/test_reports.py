@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from harness.recording import Event, Recording
+from problems.contacts import HalfPlane
 from problems.qp import FREE, ContactQP, Solution, Status
 from reports.comparison import TIME_LIMIT, compare, shifted_geometric_mean
 from reports.criterion import criterion_answer, criterion_tables, thresholds
@@ -551,6 +552,7 @@ def test_motion_of_a_run_and_of_a_recording_agree():
             label="fig3",
             bodies=[SimpleNamespace(polygons=body) for body in recording.polygons],
             forces=[spring],
+            ground=(HalfPlane(),),
         ),
         t=recording.t,
         q=recording.q,
@@ -560,6 +562,7 @@ def test_motion_of_a_run_and_of_a_recording_agree():
     pose = one.pose(0.5)
     assert np.allclose(one.spring_ends(pose), two.spring_ends(pose))
     assert np.allclose(one.corners(pose, 0), two.corners(pose, 0))
+    assert one.ground == two.ground
 
 
 def test_corners_turn_with_the_body():
