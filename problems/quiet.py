@@ -36,8 +36,8 @@ GROWTH, SAFETY, ROUNDING, FORGET, END_SLACK, CONTACT_TOL = range(11, 17)
 AT_BOUND, FIRST_RATE, SAFE_FRACTION = range(17, 20)
 # entries of `QuietSteps.counts`: steps since the last restart, steps taken, QPs solved, highest
 # order, whether the candidates have to be listed anew, time points with λ, corrected friction,
-# steps rejected because they were too long for a first one
-STEPS, TAKEN, SOLVES, HIGHEST, STALE, KNOWN, CORRECTED, REJECTED = range(8)
+# steps rejected because they were too long for a first one, whether nothing happens at UNTIL
+STEPS, TAKEN, SOLVES, HIGHEST, STALE, KNOWN, CORRECTED, REJECTED, OPEN = range(9)
 
 
 class Shapes(NamedTuple):
@@ -190,7 +190,10 @@ def _prepare(stepper: Stepper, active: ActiveSet, end: float) -> QuietSteps:
             ]
         ),
         counts=np.array(
-            [history.steps, 0, 0, history.highest, 0, stepper.lam_known, int(corrected), 0]
+            [
+                *(history.steps, 0, 0, history.highest, 0),
+                *(stepper.lam_known, int(corrected), 0, int(until == end)),
+            ]
         ),
         track=np.empty((MOST, 1 + 2 * stepper.q.size)),
         gaps=np.empty(MOST),

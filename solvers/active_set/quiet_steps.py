@@ -37,6 +37,7 @@ from problems.quiet import (
     H_MAX,
     HIGHEST,
     KNOWN,
+    OPEN,
     REACH,
     REJECTED,
     REST_SPEED,
@@ -225,9 +226,13 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
         steps = counts[STEPS]
         order = 1 if steps < 2 else counts[HIGHEST]
         h = next_length(state, reals, steps, order, D)
-        h = min(h, longest)
-        if reals[TIME] + h >= reals[UNTIL] or (spring and counts[KNOWN] == 0):
+        h = wish = min(h, longest)
+        if spring and counts[KNOWN] == 0:
             return
+        if reals[TIME] + h >= reals[UNTIL]:
+            h = reals[UNTIL] - reals[TIME]
+            if not counts[OPEN] or h <= reals[SHORTEST]:
+                return
         for i in range(m):  # (3.1a)
             bend[i] = (state[V, i] - state[V_BEFORE, i]) / (2 * reals[H]) if order == 2 else 0.0
             q[i] = state[Q, i] + h * (state[V, i] + h * bend[i])
@@ -338,7 +343,7 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
             state[V_BEFORE, i], state[V, i] = state[V, i], v[i]
             state[A_BEFORE, i], state[A, i] = state[A, i], a[i]
         reals[TIME] += h
-        reals[H] = reals[WISH] = h
+        reals[H], reals[WISH] = h, wish
         for i in range(corner.size):
             before[i] = after[i]
             if level[i] < 0.0 and after[i] > reals[FORGET]:
