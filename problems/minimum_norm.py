@@ -23,13 +23,12 @@ factors of AᵀA, which are cheaper and stay sparse, prove that A has full colum
 from __future__ import annotations
 
 import numpy as np
-import scipy.linalg as sla
 import scipy.sparse as sp
 from numpy.typing import ArrayLike
-from scipy.linalg.lapack import dpotrf
+from scipy.linalg.lapack import dgeqp3, dorgqr, dpotrf
 from scipy.sparse.linalg import splu
 
-from problems.qp import ContactQP, Matrix, Vector
+from problems.qp import FEATURE_FIELDS, LARGEST, ContactQP, Matrix, Vector
 from problems.sequence import QPSequence
 from problems.sparse_minimum_norm import SAME_FORCE, ridge_minimum_norm
 
@@ -77,11 +76,16 @@ def surely_independent(A: Matrix) -> bool:
 
 def null_space(A: ArrayLike) -> Vector:
     """Orthonormal basis Q₂ (k, k − rank) of N(A), from the pivoted QR decomposition of Aᵀ."""
-    A = np.asarray(A)
-    Q, R, _ = sla.qr(A.T, pivoting=True)
-    diagonal = np.abs(np.diag(R))
-    rank = int((diagonal > RANK_TOL * diagonal[0]).sum()) if diagonal.size else 0
-    return Q[:, rank:]
+    columns = np.array(np.asarray(A).T, order="F")
+    k, count = columns.shape[0], min(columns.shape)
+    if count == 0:
+        return np.eye(k)
+    factors, _, tau, _, _ = dgeqp3(columns, overwrite_a=True)
+    diagonal = np.abs(np.diagonal(factors))
+    rank = int((diagonal > RANK_TOL * diagonal[0]).sum())
+    reflections = np.zeros((k, k), order="F")
+    reflections[:, :count] = factors[:, :count]
+    return dorgqr(reflections, tau, overwrite_a=True)[0][:, rank:]
 
 
 def least_distance_qp(E: Vector, e: Vector) -> tuple[Vector, Vector]:
@@ -91,7 +95,7 @@ def least_distance_qp(E: Vector, e: Vector) -> tuple[Vector, Vector]:
     """
     d = np.zeros(E.shape[1] + 1)
     d[-1] = -1.0
-    return np.vstack([E.T, e]), d
+    return np.ascontiguousarray(np.vstack([E.T, e])), d
 
 
 def least_distance_point(residual: Vector) -> Vector | None:
@@ -122,53 +126,46 @@ def least_norm(qps: QPSequence, qp: ContactQP, x: Vector, coulomb: sp.csr_array 
     lower, upper = qp.lower[movable], qp.upper[movable]
     particular = x[movable] - Q2 @ (Q2.T @ x[movable])
     below, above = np.isfinite(lower), np.isfinite(upper)
-    identity = np.eye(lower.size)
-    bound_rows = np.vstack([identity[below], -identity[above]])
-    bound_values = np.concatenate([lower[below], -upper[above]])
-    rows, values = bound_rows, bound_values
+    E = np.concatenate([Q2[below], -Q2[above]])
+    e = np.concatenate([lower[below] - particular[below], particular[above] - upper[above]])
+    z = None
     if coulomb is not None and coulomb.shape[0]:
-        C = coulomb.toarray()
-        rows = np.vstack([bound_rows, C[:, movable]])
-        values = np.concatenate([bound_values, -C[:, ~movable] @ x[~movable]])
-    z = _least_distance(qps, qp, Q2, particular, rows, values, size)
-    if z is None and rows is not bound_rows:
-        z = _least_distance(qps, qp, Q2, particular, bound_rows, bound_values, size)
+        C = coulomb.toarray() if sp.issparse(coulomb) else coulomb
+        fixed = C[:, ~movable] @ x[~movable] if not movable.all() else 0.0
+        C = C[:, movable]
+        both, values = np.concatenate([E, C @ Q2]), np.append(e, -fixed - C @ particular)
+        z = _least_distance(qps, qp, both, values / size)
+    if z is None:
+        z = _least_distance(qps, qp, E, e / size)
     if z is None:
         return x
     least = x.copy()
-    least[movable] = np.clip(particular + Q2 @ z, lower, upper)
+    least[movable] = np.clip(particular + Q2 @ (size * z), lower, upper)
     # where the inequalities have almost no room, z is a quotient of small numbers
     moved = float(np.linalg.norm(qp.A @ (least - x)))
     return least if moved <= SAME_FORCE * float(np.linalg.norm(qp.A @ x)) else x
 
 
-def _least_distance(
-    qps: QPSequence,
-    qp: ContactQP,
-    Q2: Vector,
-    particular: Vector,
-    rows: Vector,
-    values: Vector,
-    size: float,
-) -> Vector | None:
-    E = rows @ Q2
-    e = (values - rows @ particular) / size
+def _least_distance(qps: QPSequence, qp: ContactQP, E: Vector, e: Vector) -> Vector | None:
+    """z (l,) of least norm with E z ≥ e, or None."""
     acts = np.abs(E).max(axis=1) > RANK_TOL
     if (e[acts] <= 0).all():
-        return np.zeros(Q2.shape[1])
+        return np.zeros(E.shape[1])
     A, d = least_distance_qp(E[acts], e[acts])
-    count = int(acts.sum())
+    row_id = np.flatnonzero(acts)
     posed, solution = qps.solve(
+        own=bool(np.abs(A).max() <= LARGEST),
         A=A,
         d=d,
-        lower=np.zeros(count),
-        upper=np.full(count, np.inf),
-        row_id=np.flatnonzero(acts),
+        lower=np.zeros(row_id.size),
+        upper=np.full(row_id.size, np.inf),
+        row_id=row_id,
+        feature=np.full((row_id.size, len(FEATURE_FIELDS)), -1),
+        D=np.ones(d.size),
         kind="minimum_norm",
         t=qp.t,
         h=qp.h,
         alpha0=qp.alpha0,
         eps0=ACCURACY,
     )
-    z = least_distance_point(posed.residual(np.asarray(solution.x)))
-    return None if z is None else size * z
+    return least_distance_point(posed.residual(np.asarray(solution.x)))

@@ -210,13 +210,14 @@ class ContactQP:
 
     @classmethod
     def of_own(cls, **fields: Any) -> ContactQP:
-        """A QP of arrays that were made for it, of the right types and shapes: neither copied nor
-        checked, as the public constructor does, but no longer writable.  All fields but generators,
-        which it has none of."""
+        """A QP of arrays that were made for it, of the right types, shapes and order: neither
+        copied nor checked, as the public constructor does, but no longer writable.  All fields but
+        generators, which it has none of."""
         qp: ContactQP = object.__new__(cls)
         vars(qp).update(fields, generators=None)
         A = qp.A
         if isinstance(A, np.ndarray):
+            assert A.flags.c_contiguous
             A.setflags(write=False)
             vars(qp)["dense_A"] = A
         else:
