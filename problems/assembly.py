@@ -135,9 +135,3 @@ def scaled_matrix(entries: Vector, bodies: Indices, D: Vector) -> Matrix:
     if D.size * len(bodies) <= DENSE_ENTRIES:
         return dense_columns(entries, bodies, D)
     return _sparse(entries, bodies, D)
-
-
-def scaled_columns(G: sp.csc_array, D: Vector) -> Matrix:
-    """A = D⁻ᵀ G, dense unless it is large."""
-    A = sp.csc_array((G.data / D[G.indices], G.indices, G.indptr), shape=G.shape)
-    return A.toarray() if A.shape[0] * A.shape[1] <= DENSE_ENTRIES else A

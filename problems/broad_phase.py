@@ -76,3 +76,21 @@ def near_corners(
                 found, count, p, plane, margin, pose, first, size, part_body, normal, offset
             )
     return found[:count, 0].copy(), found[:count, 1].copy()
+
+
+@kernel
+def free_pairs(corner, part, active, n_corners):
+    """Whether each pair (L,) of a corner and a part is none of the places (N, 3)."""
+    # the places of a corner form a chain
+    newest, older = np.full(n_corners, -1), np.empty(active.shape[0], dtype=np.int64)
+    for i in range(active.shape[0]):
+        older[i] = newest[active[i, 0]]
+        newest[active[i, 0]] = i
+    free = np.ones(corner.size, dtype=np.bool_)
+    for l in range(corner.size):
+        i = newest[corner[l]]
+        while i >= 0:
+            if active[i, 1] == part[l]:
+                free[l] = False
+            i = older[i]
+    return free

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from problems.broad_phase import free_pairs
 from problems.contacts import CONTACT_TOL, Geometry
 from problems.qp import Indices, Vector
 from problems.step_kernels import FORGET_LEVEL, largest_motion, sink_levels
@@ -56,7 +57,7 @@ class Candidates:
 
     def occupy(self, active: Indices) -> None:
         """All are free but the places (N, 3) of J_N."""
-        self.free = ~np.isin(self._key(self.corner, self.part), self._key(*active.T[:2]))
+        self.free = free_pairs(self.corner, self.part, active, self.geometry.corner_body.size)
 
     def set_level(self, corner: int, part: int, level: float) -> None:
         """Give a pair a reference level, 0 for none."""
@@ -79,9 +80,6 @@ class Candidates:
         clearance : (L,) [m];  a level is forgotten once its corner is `FORGET_LEVEL` outside.
         """
         sink_levels(clearance, self.free, self.level)
-
-    def _key(self, corner: Indices, part: Indices) -> Indices:
-        return corner * len(self.geometry.part_body) + part
 
     def _list(self, q: Vector, margin: float) -> None:
         levels = self.levels()

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 import scipy.sparse as sp
 
-from problems.assembly import Assembly, scaled_columns
+from problems.assembly import Assembly
 from problems.newton_coulomb import newton_coulomb_impulse
 from problems.qp import Vector
 from problems.sequence import QPSequence
@@ -35,9 +35,7 @@ def cone_generators(
     """V (N + F, p) with Λ = V c over [normals, frictions], and per generator its normal, friction
     (or −1) and `direction` as in `ContactQP.feature`.  Returns V, normal, friction, direction."""
     n_normals, n_frictions = len(assembly.normals), len(assembly.frictions)
-    friction_of = np.full(n_normals, -1)
-    rows, columns = assembly.members.nonzero()
-    friction_of[columns] = rows
+    friction_of = assembly.friction_of
     slips = (friction_of >= 0) & (mu_I > 0)
     normal = np.repeat(np.arange(n_normals), np.where(slips, 2, 1))
     second = np.append(False, normal[1:] == normal[:-1])
@@ -73,21 +71,20 @@ def solve_impulse(
     if rule == "newton_coulomb" and mu_I > 0 and assembly.frictions:
         return newton_coulomb_impulse(qps, assembly, D, mu_I, v, F, t, accuracy)
     V, normal, _, direction = cone_generators(assembly, mu_I)
-    G = sp.hstack([assembly.G_N, assembly.G_F], format="csc")
-    places = [assembly.places[i] for i in normal]
-    feature = [
-        assembly.geometry.feature(place, int(turn))
-        for place, turn in zip(places, direction, strict=True)
-    ]
+    every = np.arange(len(assembly.normals)), np.arange(len(assembly.frictions))
+    columns = assembly.scaled(*every, D)
+    A = sp.csc_array(columns @ V) if sp.issparse(columns) else columns @ V.toarray()
+    feature = assembly.active.feature[normal]
+    feature[:, 4] = direction
     count = V.shape[1]
     identity = mu_I == 0 or not assembly.frictions
     qp, solution = qps.solve(
-        A=scaled_columns(sp.csc_array(G @ V), D),
+        A=A,
         d=D * v + F / D,
         lower=np.zeros(count),
         upper=np.full(count, np.inf),
         row_id=4 * assembly.normal_ids[normal] + direction,
-        feature=np.array(feature, dtype=np.int64).reshape(-1, 5),
+        feature=feature,
         D=D,
         generators=None if identity and count > LARGE_IDENTITY else V.toarray(),
         kind="impulse",
