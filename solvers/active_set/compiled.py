@@ -1,21 +1,18 @@
-"""How the kernels are compiled: flags, and a cache that knows when a source has changed.
+"""How the method's kernels are compiled: as those of `problems.compiled`, which they may call.
 
-numba's own cache looks at one file only, so that an edit in another kernel would go unnoticed.
-The cache folder is therefore named by a hash of all kernel sources and of the flags; it is chosen
-before any kernel is decorated.  The first call on a machine compiles for some seconds, and says so.
+The first call on a machine compiles for some seconds, and says so.
 """
 
 from __future__ import annotations
 
-import hashlib
-import os
-import sys
-import tempfile
 from pathlib import Path
 from typing import Any
 
+import numba
+
+from problems import compiled
+
 SOURCES = (
-    "compiled.py",
     "workspace.py",
     "factorization.py",
     "conjugate_gradients.py",
@@ -28,46 +25,16 @@ SOURCES = (
     "sparse_cholesky.py",
     "sparse_loop.py",
     "quiet_steps.py",
-    "../../problems/quiet.py",
-    "../../problems/contact_kernels.py",
-    "../../problems/dips.py",
-    "../../problems/step_kernels.py",
 )
-FAST_MATH = frozenset({"reassoc", "contract", "nsz"})
-"""Sums may be regrouped for vector instructions; NaN and infinity keep their meaning."""
+HERE, PHYSICS = Path(__file__).parent, Path(compiled.__file__).parent
 
-
-def _cache_folder() -> Path:
-    here, key = Path(__file__).parent, hashlib.sha256()
-    for name in SOURCES:
-        key.update((here / name).read_bytes())
-    key.update(os.environ.get("NUMBA_BOUNDSCHECK", "").encode())
-    home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    folder = Path(home) / "glambda" / f"kernels-{key.hexdigest()[:16]}"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        folder = Path(tempfile.gettempdir()) / f"glambda-kernels-{key.hexdigest()[:16]}"
-        folder.mkdir(parents=True, exist_ok=True)
-    return folder
-
-
-def _announce(folder: Path) -> None:
-    if not any(folder.iterdir()):
-        print("glambda: compiling the kernels, once, some ten seconds …", file=sys.stderr)
-
-
-_folder = _cache_folder()
-_announce(_folder)
-
-import numba  # noqa: E402
-
-numba.config.CACHE_DIR = str(_folder)  # type: ignore[attr-defined]
-
-
-def kernel(function: Any) -> Any:
-    """Compile a function to machine code; it stays callable from other kernels."""
-    return numba.njit(cache=True, error_model="numpy", fastmath=set(FAST_MATH))(function)
+kernel = compiled.kernel_decorator(
+    [
+        Path(__file__),
+        *(HERE / name for name in SOURCES),
+        *(PHYSICS / name for name in ("compiled.py", "quiet.py", *compiled.SOURCES)),
+    ]
+)
 
 
 def entry(kernel: Any, *arguments: str) -> Any:
