@@ -8,6 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from problems.minimum_norm import IndependenceProof
 from problems.qp import Indices, Vector
 
 
@@ -18,7 +19,7 @@ class Layout:
     row (k,), tangential (k,) : each column is g_N, or g_F, of this row of the normals
     normal_column (N,) : the column of each normal
     sticking (S,), sticking_column (S,) : the frictions that have a column, and which
-    cones : `friction.coulomb_rows`, kept here
+    cones, proof : `friction.coulomb_rows` and whether its columns are independent, kept here
     """
 
     def __init__(
@@ -40,6 +41,7 @@ class Layout:
         self.feature[:, 4] = self.tangential
         column = np.argsort(self.order)
         self.normal_column, self.sticking_column = column[:count], column[count:]
+        self.proof = IndependenceProof()
         self.cones: dict[bytes, sp.csr_array] = {}
         self.row_id.setflags(write=False)
         self.feature.setflags(write=False)

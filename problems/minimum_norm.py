@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.linalg import norm
 from numpy.typing import ArrayLike
 from scipy.linalg.lapack import dgeqp3, dorgqr, dpotrf
 from scipy.sparse.linalg import splu
@@ -44,23 +45,50 @@ SPARSE_SAFE_FRACTION = 3e-7
 """The same for a sparse A, as a fraction of its longest column."""
 
 
-def surely_independent(A: Matrix) -> bool:
+class IndependenceProof:
+    """`surely_independent` of sparse matrices of one pattern, one after the other.
+
+    Where no singular value of A is below 2τ, none of another matrix is below 2τ − ‖their
+    difference‖_F (Weyl), so that what hardly moves need not be factorized again.
+    """
+
+    def __init__(self) -> None:
+        self._entries: Vector | None = None
+        self._room = 0.0
+
+    def holds(self, A: sp.csc_array) -> bool:
+        """Whether the columns of A are independent beyond doubt."""
+        # τ of today's A may be larger than that of the proof by its share of the difference
+        if self._entries is not None and 2 * norm(A.data - self._entries) <= self._room:
+            return True
+        self._entries = None
+        if surely_independent(A, 2.0):
+            columns = np.add.reduceat(A.data**2, A.indptr[:-1])
+            self._entries = A.data
+            self._room = SPARSE_SAFE_FRACTION * float(np.sqrt(columns.max()))
+            return True
+        return surely_independent(A)
+
+
+def surely_independent(A: Matrix, multiple: float = 1.0) -> bool:
     """Whether the columns of A (m, k) are independent beyond doubt; False proves nothing.
 
     With τ = `SAFE_FRACTION` ‖A‖_F, AᵀA − τ²I has Cholesky factors only if every singular value
     exceeds τ: far above rounding, which is some k u ‖A‖² in AᵀA, and far above `RANK_TOL`.  An
     entry of a sparse AᵀA is a sum of a few products, and a long chain of contacts has singular
     values of 1/n², so that τ is smaller there.
+
+    multiple : of τ that is asked for
     """
     m, k = A.shape
     if k == 0 or k > m:
         return k == 0
     if not sp.issparse(A):
         normal = A.T @ A
-        normal.flat[:: k + 1] -= SAFE_FRACTION**2 * np.trace(normal)
+        normal.flat[:: k + 1] -= (multiple * SAFE_FRACTION) ** 2 * np.trace(normal)
         return int(dpotrf(normal, overwrite_a=True)[1]) == 0
     normal = A.T @ A
-    shift = SPARSE_SAFE_FRACTION**2 * normal.diagonal().max()
+    shift = (multiple * SPARSE_SAFE_FRACTION) ** 2 * normal.diagonal().max()
     try:
         factors = splu(
             sp.csc_matrix(normal - shift * sp.eye_array(k)),

@@ -7,6 +7,7 @@ from scipy.optimize import minimize
 
 from problems import scene, simulate
 from problems.minimum_norm import (
+    IndependenceProof,
     least_distance_point,
     least_distance_qp,
     minimum_norm,
@@ -251,3 +252,33 @@ def test_a_large_wall_at_rest_is_one_pass_and_sparse_for_the_solver():
     assert sum(qp.kind == "step" for qp in run.qps) == 3
     assert not any(qp.kind == "corrector" for qp in run.qps)
     np.testing.assert_allclose(run.q[-1], wall.q0, atol=1e-12)
+
+
+def test_a_proof_of_independence_lasts_while_little_moves(monkeypatch):
+    rng = np.random.default_rng(0)
+    A = sp.csc_array(np.linalg.qr(rng.normal(size=(8, 5)))[0])
+    asked = []
+    monkeypatch.setattr(
+        "problems.minimum_norm.surely_independent",
+        lambda A, multiple=1.0: asked.append(multiple) or surely_independent(A, multiple),
+    )
+    proof = IndependenceProof()
+    near, far = A.copy(), A.copy()
+    near.data = near.data + 1e-10
+    far.data = far.data + 1e-3
+    assert proof.holds(A) and proof.holds(near) and asked == [2.0]
+    assert proof.holds(far) and asked == [2.0, 2.0]
+    twice = A.copy()
+    twice.data[8:16] = twice.data[:8]  # columns 0 and 1 are equal now
+    assert not proof.holds(twice)
+    assert asked[2:] == [2.0, 1.0]
+    assert proof.holds(A) and not proof.holds(twice)
+
+
+@pytest.mark.parametrize("least", [2.5e-7, 4e-7, 7e-7])
+def test_a_proof_knows_what_is_beyond_doubt(least):
+    A = sp.csc_array(np.diag([1.0, least]) + 0.0)
+    moved = sp.csc_array(np.diag([1.0, 0.5 * least]))
+    proof = IndependenceProof()
+    for matrix in (A, A, moved, A):
+        assert proof.holds(matrix) == surely_independent(matrix)
