@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
+from problems.bodies import GROUND
 from problems.constraint_graph import ConstraintGraph, Normal
 from problems.contact_kernels import column_speeds
 from problems.contacts import Columns, Geometry, Pose
@@ -99,7 +100,7 @@ def locate_zero(function: Callable[[float], float], h: float, f0: float, f1: flo
     return float(brentq(function, low, high, xtol=1e-15, rtol=1e-14))
 
 
-def _approach_speed(
+def approach_speed(
     geometry: Geometry, pose: Pose, v: Vector, corner: int, part: int, edge: int
 ) -> float:
     """g_Nᵀ q̇ of one corner–edge pair [m/s]; negative when they approach."""
@@ -139,7 +140,7 @@ def first_hits(
             where = _entry(gap, float(dip_start[i]), float(dip_end[i]))
         pose = geometry.pose(path(where))
         edge = geometry.hit_edge(pose, c, p)
-        if _approach_speed(geometry, pose, path.rate(where), c, p, edge) >= -slowest:
+        if approach_speed(geometry, pose, path.rate(where), c, p, edge) >= -slowest:
             continue
         if graph.redundant(pose, c, p, edge):
             continue
@@ -204,6 +205,29 @@ def edge_ends(
         first = min(loss.h for loss in losses)
         losses = [loss for loss in losses if loss.h <= first + SAME_TIME]
     return handed_over, losses
+
+
+def successor(geometry: Geometry, pose: Pose, normal: Normal) -> tuple[int, int, int] | None:
+    """(corner, part, edge) that takes over where a corner slides off the end of its edge.
+
+    The end of the edge is a corner, too, and is on an edge of the part that slid off; of two such
+    edges the best separating axis counts.  None on the ground, or where nothing touches any more.
+    """
+    corner, part, edge = normal.place
+    if geometry.part_body[part] == GROUND:
+        return None
+    columns = geometry.columns_at(pose, np.array([normal.place]))
+    end = int(columns.along[0] > columns.length[0] / 2)
+    taker = int(geometry.part_first[part]) + (edge + end) % int(geometry.part_size[part])
+    other = int(geometry.corner_part[corner])
+    number = corner - int(geometry.part_first[other])
+    edges = (number, (number - 1) % int(geometry.part_size[other]))
+    line = max(edges, key=lambda e: (geometry.depth_below(pose, other, e, part), -e))
+    on = geometry.columns_at(pose, np.array([(taker, other, line)]))
+    slack = END_SLACK * on.length[0]
+    inside = -slack <= on.along[0] <= on.length[0] + slack
+    touches = abs(on.phi[0]) <= geometry.contact_tol
+    return (taker, other, line) if inside and touches else None
 
 
 def touching(graph: ConstraintGraph, q: Vector, v: Vector, slowest: float) -> list[Hit]:

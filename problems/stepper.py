@@ -45,7 +45,9 @@ from problems.events import (
     Arrival,
     Hit,
     SlideOff,
+    approach_speed,
     look_ahead,
+    successor,
     touching,
 )
 from problems.forces import Force
@@ -453,8 +455,7 @@ class Stepper:
         F = self._external_impulse(self.t)
         if stopped:
             self._stick(stopped)
-        for loss in losses:
-            self._slide_off(loss.normal)
+        hits += self._slide_off(losses)
         if hits or F.any():
             self._impulse(hits, F)
             return
@@ -482,8 +483,7 @@ class Stepper:
     def _standing_event(self, hits: list[Hit], losses: list[SlideOff]) -> None:
         """Events at t_{n−1} itself."""
         self._count_standstill()
-        for loss in losses:
-            self._slide_off(loss.normal)
+        hits += self._slide_off(losses)
         if hits:
             self._impulse(hits, np.zeros_like(self.q))
 
@@ -553,12 +553,24 @@ class Stepper:
         self.qps.restart()
         self.counts["restarts"] += 1
 
-    def _slide_off(self, normal: Normal) -> None:
-        if normal.row_id not in self.graph.normals:
-            return
-        self._log("slide_off", self._place_name(normal.place))
-        self.graph.remove(normal, self._clearance(normal))
-        self._restart(1)
+    def _slide_off(self, losses: list[SlideOff]) -> list[Hit]:
+        """Remove what lost its support; the ends of the edges take over, or hit."""
+        geometry, pose = self.graph.geometry, self.graph.geometry.pose(self.q)
+        hits = []
+        for normal in (loss.normal for loss in losses if loss.normal.row_id in self.graph.normals):
+            self._log("slide_off", self._place_name(normal.place))
+            place = successor(geometry, pose, normal)
+            self.graph.remove(normal, self._clearance(normal))
+            self._restart(1)
+            if place is None or place[:2] in {normal.place[:2] for normal in self.graph.active()}:
+                continue
+            speed = approach_speed(geometry, pose, self.history.v, *place)
+            if speed < -self.slowest_approach:
+                hits.append(Hit(0.0, *place))
+            elif speed <= self.options.drop_tol:
+                self.graph.insert(pose, *place)
+                self._sort_frictions(Assembly(self.graph, self.q), self.history.v)
+        return hits
 
     def _stick(self, stopped: list[Friction]) -> None:
         """J_FW → J_FO at g_Fᵀq̇ = 0, for those that stopped and all that slip slower than ε."""
