@@ -29,7 +29,7 @@ import signal
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -117,9 +117,9 @@ def run_case(case: Case, limit: float = LIMIT) -> Outcome:
             made = scene(case.scene, **case.parameters)
             run = simulate(made, make_solver("lotstedt"), keep_qps=False, **case.options)
     except (Exception, OutOfTime) as error:
-        kind = "time" if isinstance(error, OutOfTime) else "error"
-        detail = f"{type(error).__name__}: {error}"
-        return Outcome(kind, detail, cpu=time.process_time() - start)
+        cpu = time.process_time() - start
+        kind = "time" if cpu >= limit else "error"
+        return Outcome(kind, f"{type(error).__name__}: {error}", cpu=cpu)
     end = case.options.get("until", made.end_time)
     return examined(run, end, time.process_time() - start)
 
@@ -180,11 +180,14 @@ def _cpu_time(limit: float) -> Iterator[None]:
 def run_all(
     seed: int, numbers: Sequence[int], workers: int, limit: float, folder: Path, console: Console
 ) -> dict[int, Outcome]:
-    """The outcome of every scene, in the order of their numbers; failures are saved in `folder`."""
+    """The outcome of every scene, in the order of their numbers; failures are saved in `folder`.
+
+    An interrupt (Ctrl-C) ends it with those that are done.
+    """
     outcomes: dict[int, Outcome] = {}
     with ProcessPoolExecutor(workers) as pool, shown("heaps", console) as tell:
         pending = {pool.submit(run_case, case(seed, i), limit): i for i in numbers}
-        for done in as_completed(pending):
+        for done in _until_interrupted(as_completed(pending), pool):
             number, outcome = pending[done], done.result()
             outcomes[number] = outcome
             if outcome.failure:
@@ -193,6 +196,13 @@ def run_all(
             failed = sum(bool(outcome.failure) for outcome in outcomes.values())
             tell(f"{failed} failed", len(outcomes), len(numbers))
     return {number: outcomes[number] for number in sorted(outcomes)}
+
+
+def _until_interrupted(done: Iterator[Future], pool: ProcessPoolExecutor) -> Iterator[Future]:
+    try:
+        yield from done
+    except KeyboardInterrupt:
+        pool.shutdown(wait=False, cancel_futures=True)
 
 
 def save(folder: Path, number: int, case: Case, outcome: Outcome) -> Path:
