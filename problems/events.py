@@ -18,10 +18,10 @@ from problems.bodies import GROUND
 from problems.constraint_graph import ConstraintGraph, Normal
 from problems.contact_kernels import column_speeds
 from problems.contacts import Columns, Geometry, Pose
-from problems.dips import dips, floors
+from problems.dips import ARRIVAL, dips, floors
 from problems.multistep import Path
 from problems.qp import Vector
-from problems.step_kernels import END_SLACK, ROUNDING, arrive
+from problems.step_kernels import END_SLACK, ROUNDING, arrive, farthest_way
 
 SAME_TIME = 1e-9
 """Events within this many seconds of each other are simultaneous."""
@@ -120,7 +120,9 @@ def first_hits(
     clearance : (L,) of all candidates at path(h)
     """
     geometry, near = graph.geometry, graph.candidates
-    there = np.flatnonzero(near.free)
+    # two points that are farther apart at the end cannot have met
+    reach = 2 * farthest_way(path.velocity, path.curvature, h, geometry.radius) + ARRIVAL
+    there = np.flatnonzero(near.free & (clearance - near.level <= reach))
     corner, part, level = near.corner[there], near.part[there], near.level[there]
     before = geometry.clearance(geometry.pose(path.start), corner, part) - level
     after = clearance[there] - level
