@@ -30,6 +30,7 @@ publish: study growth
 	cp results/growth/growth* reports/published/growth
 	$(BIN)/glambda stability -o reports/published/stability
 	$(BIN)/glambda painleve -o reports/published/painleve
+	$(BIN)/glambda convergence -o reports/published/convergence
 	$(BIN)/glambda closed-loop -o results/closed_loop
 	mkdir reports/published/closed_loop
 	cp results/closed_loop/closed_loop* reports/published/closed_loop

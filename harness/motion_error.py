@@ -115,8 +115,12 @@ def pose_error(motion: Motion, reference: Motion) -> PoseError:
         t, q = t[t <= reference.t[-1]], q[t <= reference.t[-1]]
     elif motion.at_rest and reference.t[-1] > t[-1]:
         t, q = np.append(t, reference.t[-1]), np.concatenate([q, q[-1:]])
-    off = np.abs(q - reference.at(t))
-    return PoseError(t, np.hypot(off[..., 0], off[..., 1]) + motion.radius * off[..., 2])
+    return PoseError(t, displacement(q - reference.at(t), motion.radius))
+
+
+def displacement(off: Vector, radius: Vector) -> Vector:
+    """‖δ(x, y)‖ + R |δφ| of differences off (..., bodies, 3), for R (bodies,); also of q̇."""
+    return np.hypot(off[..., 0], off[..., 1]) + radius * np.abs(off[..., 2])
 
 
 class EventMatch(NamedTuple):

@@ -24,7 +24,7 @@ from harness.in_loop import exact
 from problems import Run
 from problems.bodies import GROUND
 from problems.forces import Load
-from problems.qp import ContactQP, Solution, Vector
+from problems.qp import NORMAL, ContactQP, Solution, Vector
 from problems.scenes import Scene
 from problems.shapes import cross
 
@@ -111,30 +111,36 @@ def _same_event(one: ContactQP, other: ContactQP) -> bool:
 
 def reach(run: Run) -> float:
     """Largest gap φ [m] of a contact that carries more than `PUSHES` of the QP's largest force."""
-    corners = [np.concatenate(body.polygons) for body in run.scene.bodies]
-    ends = [
-        np.concatenate([np.roll(polygon, -1, axis=0) for polygon in body.polygons])
-        for body in run.scene.bodies
-    ]
     place = {float(t): i for i, t in enumerate(run.t)}
     farthest = 0.0
     for qp, x in last_answers(run):
-        if qp.kind not in STEPPING or qp.t not in place:
-            continue
-        q = run.q[place[qp.t]]
-        normal = qp.feature[:, 4] == 0
-        pushes = normal & (x > PUSHES * x[normal].max(initial=0.0)) & (x > 0)
-        for body, corner, other, edge, _ in qp.feature[pushes]:
-            point = _placed(corners[body][[corner]], q[[body]])[0, 0]
-            if other == GROUND:
-                plane = run.scene.ground[edge]
-                gap = (point - plane.point) @ plane.normal / np.hypot(*plane.normal)
-            else:
-                side = np.stack([corners[other][edge], ends[other][edge]])
-                start, end = _placed(side, q[[other]])[0]
-                gap = cross(point - start, end - start) / np.linalg.norm(end - start)
-            farthest = max(farthest, float(gap))
+        if qp.kind in STEPPING and qp.t in place:
+            gaps = loaded_gaps(run.scene, run.q[place[qp.t]], qp, x)
+            farthest = max(farthest, float(gaps.max(initial=0.0)))
     return farthest
+
+
+def loaded_gaps(scene: Scene, q: Vector, qp: ContactQP, x: Vector) -> Vector:
+    """φ [m] at poses q (n, 3) of the contacts to which x gives more than `PUSHES` of the largest.
+
+    (c,), negative where a corner is inside
+    """
+    normal = qp.feature[:, 4] == NORMAL
+    pushes = normal & (x > PUSHES * x[normal].max(initial=0.0)) & (x > 0)
+    gaps = []
+    for body, corner, other, edge, _ in qp.feature[pushes]:
+        point = _placed(np.concatenate(scene.bodies[body].polygons)[[corner]], q[[body]])[0, 0]
+        if other == GROUND:
+            plane = scene.ground[edge]
+            gaps.append((point - plane.point) @ plane.normal / np.hypot(*plane.normal))
+        else:
+            sides = [
+                np.stack([polygon, np.roll(polygon, -1, axis=0)], axis=1)
+                for polygon in scene.bodies[other].polygons
+            ]
+            start, end = _placed(np.concatenate(sides)[edge], q[[other]])[0]
+            gaps.append(cross(point - start, end - start) / np.linalg.norm(end - start))
+    return np.array(gaps)
 
 
 def signorini(run: Run) -> dict[str, float]:

@@ -19,6 +19,7 @@ from harness.cli import simulation  # noqa: F401
 from harness.cli import replays  # noqa: F401
 from harness.cli import stretching  # noqa: F401
 from harness.cli import campaigns  # noqa: F401
+from harness.cli import convergence  # noqa: F401
 from harness.cli import painleve  # noqa: F401
 from harness.cli import loops  # noqa: F401
 from harness.cli import peers  # noqa: F401

@@ -54,6 +54,13 @@ Impulses = Annotated[
 DropTol = Annotated[
     float | None, typer.Option(help="speed at which a contact without force is dropped; default: ε")
 ]
+Drift = Annotated[
+    Literal["none", "baumgarte", "projection"],
+    typer.Option(help="what closes the gaps of contacts that bear a load"),
+]
+DriftTime = Annotated[
+    float | None, typer.Option(help="τ [s] in which Baumgarte's rule does; default: 0.1")
+]
 Solvers = Annotated[
     str,
     typer.Option(

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from harness.cli.app import (
+    Drift,
+    DriftTime,
     DropTol,
     Eps,
     Friction,
@@ -37,6 +39,8 @@ def simulate(
     friction: Friction = "corrected",
     impulses: Impulses = "paper",
     drop_tol: DropTol = None,
+    drift: Drift = "none",
+    drift_time: DriftTime = None,
     settings: Sets = None,
     trajectory: Annotated[
         Path | None, typer.Option(metavar="F.csv", help="positions; events to F.events.csv")
@@ -73,6 +77,7 @@ def simulate(
             friction=friction,
             impulses=impulses,
             drop_tol=drop_tol,
+            **_stabilization(drift, drift_time),
             keep_qps=False,
             progress=lambda t: tell(f"t = {t:.3f} s", t, end),
         )
@@ -102,6 +107,8 @@ def record(
     friction: Friction = "corrected",
     impulses: Impulses = "paper",
     drop_tol: DropTol = None,
+    drift: Drift = "none",
+    drift_time: DriftTime = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="also where another recording of the scene is")
     ] = False,
@@ -121,9 +128,22 @@ def record(
         "friction": friction,
         "impulses": impulses,
         "drop_tol": drop_tol,
+        **_stabilization(drift, drift_time),
     }
     for made, path in recorded(scene, settings, options, output, overwrite):
         typer.echo(f"{path}: {len(made.qps)} QPs, digest {made.digest[:12]}…")
+
+
+def _stabilization(drift: str, drift_time: float | None) -> dict[str, Any]:
+    """What `problems.simulate` is told of drift.
+
+    Raises ValueError for a time without the rule that takes it.
+    """
+    if drift_time is None:
+        return {"drift": drift}
+    if drift != "baumgarte":
+        raise ValueError(f"--drift-time {drift_time:g}: give --drift baumgarte with it")
+    return {"drift": drift, "drift_time": drift_time}
 
 
 def recorded(

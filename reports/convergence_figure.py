@@ -1,0 +1,124 @@
+"""Errors against ε, time against error, and drift against τ in one figure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from harness.convergence import ROUNDING, Converged
+from harness.peers.ours import BOUNDED
+from harness.reference_motion import STOCK
+from harness.stabilization import SHALLOW
+from reports.style import (
+    BLUE,
+    GREEN,
+    ORANGE,
+    PAGE_WIDTH,
+    PURPLE,
+    SKY,
+    SOFT,
+    VERMILLION,
+    drawing,
+    save,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Looks = dict[str, dict[str, Any]]
+COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY)
+MARKERS = ("o", "s", "^", "D", "v", "P")
+
+
+def plot_convergence(measured: Converged, path: Path) -> Path:
+    """Six panels: errors by ε three times, time by error, overlap and error by τ."""
+    labels = list(measured.swept["scene"].unique())
+    looks: Looks = {
+        label: {"color": COLOURS[i % len(COLOURS)], "marker": MARKERS[i % len(MARKERS)]}
+        for i, label in enumerate(labels)
+    }
+    swept = measured.swept
+    bounded, stock = (swept[swept["bound"] == bound] for bound in (BOUNDED, STOCK))
+    with drawing() as Figure:
+        figure = Figure(figsize=(PAGE_WIDTH, 5.6), layout="constrained")
+        top, bottom = figure.subplots(2, 3)
+        _draw_errors(top[0], bounded[bounded["stretch"] == "before"], looks)
+        top[0].set_title(f"before impact, {BOUNDED}")
+        _draw_errors(top[1], bounded[bounded["stretch"] == "after"], looks)
+        top[1].set_title(f"after impact, {BOUNDED}")
+        _draw_errors(top[2], stock[stock["stretch"] == "after"], looks)
+        top[2].set_title(f"after impact, {STOCK}")
+        top[2].sharey(top[1])
+        _draw_work(bottom[0], swept, looks)
+        drifted = measured.drifted
+        drifted = drifted[drifted.groupby("scene")["depth"].transform("max") > SHALLOW]
+        _draw_drift(bottom[1], drifted, "depth", looks)
+        bottom[1].set_title("deepest overlap")
+        bottom[1].set_ylabel("−min φ [m]")
+        worst = drifted.assign(pose=drifted[["before", "after"]].max(axis=1))
+        _draw_drift(bottom[2], worst, "pose", looks)
+        bottom[2].set_title("pose error")
+        bottom[2].set_ylabel("error [m]")
+        lines = [
+            top[0].plot([], [], markersize=4, linewidth=1.1, **look)[0] for look in looks.values()
+        ]
+        figure.legend(lines, labels, loc="outside lower center", ncols=min(len(labels), 4))
+        return save(figure, path)
+
+
+def _draw_errors(axes: Axes, part: pd.DataFrame, looks: Looks) -> None:
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    for label, runs in part[part["pose"] > ROUNDING].groupby("scene", sort=False):
+        axes.plot(runs["eps"], runs["pose"], markersize=3.5, linewidth=1.1, **looks[label])
+    eps = np.array([part["eps"].min(), part["eps"].max()]) if len(part) else np.array([1e-6, 1e-2])
+    axes.plot(eps, eps, color=SOFT, linewidth=0.8, linestyle=(0, (4, 2)))
+    axes.annotate("ε", (eps[0], eps[0]), xytext=(2, 4), textcoords="offset points", color=SOFT)
+    axes.set_xlabel("ε")
+    axes.set_ylabel("pose error [m]")
+    axes.grid(True)
+
+
+def _draw_work(axes: Axes, swept: pd.DataFrame, looks: Looks) -> None:
+    """CPU time against the largest error of a run, dashed where ε alone decides."""
+    worst = swept.groupby(["scene", "bound", "eps"], sort=False)[["pose", "cpu"]].max()
+    worst = worst[worst["pose"] > ROUNDING].reset_index()
+    for (label, bound), runs in worst.groupby(["scene", "bound"], sort=False):
+        axes.loglog(
+            runs["pose"], runs["cpu"], markersize=3, linewidth=1.1,
+            linestyle="-" if bound == BOUNDED else (0, (2, 2)), **looks[label],
+        )  # fmt: skip
+    axes.set_title(f"CPU time; dashed: {STOCK}")
+    axes.set_xlabel("pose error [m]")
+    axes.set_ylabel("CPU [s]")
+    axes.grid(True)
+
+
+def _draw_drift(axes: Axes, drifted: pd.DataFrame, column: str, looks: Looks) -> None:
+    """By τ of Baumgarte's rule at the coarsest ε; without a rule on the right, projected left."""
+    part = drifted[drifted["eps"] == drifted["eps"].max()]
+    part = part[part["rule"] != "none, compiled"]
+    taus = np.sort(part["tau"].dropna().unique())
+    ends = {"projection": taus[0] / 4, "none": taus[-1] * 4}
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    for label, runs in part.groupby("scene", sort=False):
+        place = runs["tau"].fillna(runs["drift"].map(ends))
+        kept = runs.assign(place=place)[runs[column] > 1e-17].sort_values("place")
+        inner = kept[kept["drift"] == "baumgarte"]
+        axes.plot(inner["place"], inner[column], markersize=3.5, linewidth=1.1, **looks[label])
+        outer = kept[kept["drift"] != "baumgarte"]
+        axes.plot(
+            outer["place"], outer[column], linestyle="none", markersize=4.5,
+            markerfacecolor="none", **looks[label],
+        )  # fmt: skip
+    shown = taus[:: max(1, taus.size // 2)]
+    axes.set_xticks(
+        [ends["projection"], *shown, ends["none"]], ["proj.", *(f"{t:g}" for t in shown), "none"]
+    )
+    axes.minorticks_off()
+    axes.set_xlabel("τ of Baumgarte's rule [s]")
+    axes.grid(True)
