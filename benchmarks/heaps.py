@@ -23,6 +23,7 @@ same machine.
 from __future__ import annotations
 
 import argparse
+import gc
 import json
 import os
 import signal
@@ -111,6 +112,7 @@ def case(seed: int, number: int) -> Case:
 
 def run_case(case: Case, limit: float = LIMIT) -> Outcome:
     """Simulate a case and examine the run."""
+    gc.collect()  # a stepper is part of a cycle, and keeps megabytes
     start = time.process_time()
     try:
         with _cpu_time(limit):
