@@ -21,7 +21,7 @@ from problems.qp import Indices, Solution, Vector
 from problems.run import Multipliers
 
 if TYPE_CHECKING:
-    from problems.stepper import Stepper
+    from problems.system import System
 
 MOST = 256
 """Steps of one call."""
@@ -115,7 +115,7 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
     return view
 
 
-def quiet_solver(stepper: Stepper) -> TakesQuietSteps | None:
+def quiet_solver(stepper: System) -> TakesQuietSteps | None:
     """The solver of a simulation, if quiet steps may be left to it."""
     solver = stepper.qps.solver
     able = hasattr(solver, "take_quiet_steps") and not stepper.qps.keep
@@ -124,7 +124,7 @@ def quiet_solver(stepper: Stepper) -> TakesQuietSteps | None:
     return solver if able and constant else None  # type: ignore[return-value]
 
 
-def take_quiet_steps(stepper: Stepper, solver: TakesQuietSteps, end: float) -> bool:
+def take_quiet_steps(stepper: System, solver: TakesQuietSteps, end: float) -> bool:
     """Let `solver` take steps from here to `end` [s]; whether it took any.
 
     The stepper is left as it is after the last of them, before step 4.
@@ -146,7 +146,7 @@ def take_quiet_steps(stepper: Stepper, solver: TakesQuietSteps, end: float) -> b
             return taken > 0
 
 
-def _prepare(stepper: Stepper, active: ActiveSet, end: float) -> QuietSteps:
+def _prepare(stepper: System, active: ActiveSet, end: float) -> QuietSteps:
     graph, history, options = stepper.graph, stepper.history, stepper.options
     until = min([*stepper.scheduled(), end])
     near = graph.candidates
@@ -201,7 +201,7 @@ def _prepare(stepper: Stepper, active: ActiveSet, end: float) -> QuietSteps:
     )
 
 
-def _follow(stepper: Stepper, run: QuietSteps, active: ActiveSet, taken: int) -> None:
+def _follow(stepper: System, run: QuietSteps, active: ActiveSet, taken: int) -> None:
     """Bring the stepper to where the run has come."""
     m = stepper.q.size
     multipliers = run.multipliers[:taken]

@@ -1,0 +1,57 @@
+"""Settings of algorithm 1."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from problems.drift import DRIFT_RULES, DRIFT_TIME, DriftRule
+from problems.friction import FrictionRule
+from problems.impulses import ImpulseRule
+
+
+@dataclass(frozen=True)
+class StepperOptions:
+    """Settings of algorithm 1.
+
+    eps : ε of (3.5), (3.13) and the tolerance for g_Fᵀq̇ = 0
+    drop_tol : separation speed at which a contact is dropped (step 4); default ε
+    friction : "corrected" or "paper", see `problems.friction`
+    fixed_step : a constant h [s] without error control, cut only by events; None: (3.5)
+    h_first, h_max : first and largest step [s]
+    order : r of AB-r and BDF-r once it has started, 1 or 2
+    impulses : "paper" or "newton_coulomb", see `problems.impulses`
+    rest_speed : at rest, ‖q̇_i‖_M ≤ rest_speed and ‖q̈_i‖_M ≤ rest_speed / `REST_HORIZON` for every
+        body; default 2 ε
+    drift, drift_time : "none", "baumgarte" with τ = drift_time [s], or "projection", see
+        `problems.drift`
+    """
+
+    eps: float
+    drop_tol: float
+    friction: FrictionRule = "corrected"
+    fixed_step: float | None = None
+    h_first: float = 1e-3
+    h_max: float = 0.02
+    rest_speed: float = 0.0
+    order: int = 2
+    impulses: ImpulseRule = "paper"
+    drift: DriftRule = "none"
+    drift_time: float = DRIFT_TIME
+
+    def __post_init__(self) -> None:
+        for name in ("eps", "drop_tol", "h_first", "h_max", "rest_speed", "drift_time"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise ValueError(f"{name} = {value!r}; it must be a positive number")
+        if self.fixed_step is not None and not 0 < self.fixed_step < np.inf:
+            raise ValueError(f"fixed_step = {self.fixed_step!r}; it must be a positive number")
+        if self.impulses not in ("paper", "newton_coulomb"):
+            raise ValueError(f'impulses = {self.impulses!r}; choose "paper" or "newton_coulomb"')
+        if self.drift not in DRIFT_RULES:
+            raise ValueError(f"drift = {self.drift!r}; choose one of {', '.join(DRIFT_RULES)}")
+        if self.order not in (1, 2):
+            raise ValueError(f"order = {self.order!r}; choose 1 or 2")
+        if self.friction not in ("paper", "corrected"):
+            raise ValueError(f'friction = {self.friction!r}; choose "paper" or "corrected"')

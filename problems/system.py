@@ -1,0 +1,152 @@
+"""The bodies of one simulation in motion: their state, what acts on them and what is recorded."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Sequence
+from dataclasses import asdict
+
+import numpy as np
+
+from problems.assembly import Assembly
+from problems.bodies import mass_diagonal
+from problems.constraint_graph import ConstraintGraph, Contact, Normal
+from problems.contacts import Geometry
+from problems.drift import correction
+from problems.forces import Force
+from problems.gain import GainWatch
+from problems.multistep import SHORTEST_STEP, History
+from problems.options import StepperOptions
+from problems.qp import Vector
+from problems.quiet import Shapes, quiet_solver
+from problems.run import NO_MULTIPLIERS, Event, Multipliers, Run
+from problems.scenes import Scene
+from problems.sequence import QPSequence, SolvesQPs
+from problems.velocity import NOTHING, VelocityEquations, VelocityStep
+
+
+class System:
+    """State, forces, constraint graph and records of one simulation; see `problems.stepper`."""
+
+    def __init__(
+        self, scene: Scene, solver: SolvesQPs, options: StepperOptions, keep_qps: bool = True
+    ):
+        self.scene, self.options = scene, options
+        self.D = np.sqrt(mass_diagonal(scene.bodies))
+        self.D.setflags(write=False)
+        self.graph = ConstraintGraph(Geometry(scene.bodies, scene.ground), scene.mu_between)
+        self.qps = QPSequence(solver, keep_qps)
+        self.forces = forces = scene.all_forces()
+        self._steady = [force for force in forces if getattr(force, "constant", False)]
+        self._varying = [force for force in forces if not getattr(force, "constant", False)]
+        self._jumps = sorted({time for force in forces for time in force.jumps})
+        self._constant: dict[int, Vector] = {}
+        self._impulses = sorted(scene.impulses, key=lambda impulse: (impulse.t, impulse.body))
+        self.equations = VelocityEquations(
+            D=self.D,
+            forces=self.force,
+            velocity_dependent=any(force.velocity_dependent for force in forces),
+            eps=options.eps,
+            friction=options.friction,
+            drift_time=options.drift_time if options.drift == "baumgarte" else np.inf,
+        )
+        self.gain_watch = GainWatch(self.D, self.equations.velocity_dependent)
+        self.t = 0.0
+        self.q = scene.q0.ravel().copy()
+        self.history = History(scene.v0.ravel().copy(), options.order)
+        self.lam_known = 0
+        self.h_last = options.h_first
+        self.slowest_approach = 1e-3 * options.drop_tol
+        self.counts = dict.fromkeys(("steps", "rejected_steps", "restarts", "impulses"), 0)
+        self.event_log: list[Event] = []
+        self._standstill = 0
+        self._last: VelocityStep | None = None
+        self.at_rest = False
+        self.states: list[tuple[float, Vector, Vector, Multipliers, float]] = []
+        self.shapes = Shapes.of(self.graph.geometry)
+        self._quiet = quiet_solver(self)
+
+    def force(self, q: Vector, v: Vector, t: float) -> Vector:
+        """f(q, q̇, t) of (2.1), (3n,); those that are constant between jumps are summed once."""
+        interval = bisect_left(self._jumps, t)
+        if interval not in self._constant:
+            self._constant[interval] = _sum_of(self._steady, q, v, t, np.zeros_like(q))
+        constant = self._constant[interval]
+        return _sum_of(self._varying, q, v, t, constant.copy()) if self._varying else constant
+
+    def finish(self) -> Run:
+        """Everything that the simulation left behind."""
+        t, q, v, multipliers, gaps = zip(*self.states, strict=True)
+        shape = (len(t), len(self.scene.bodies), 3)
+        return Run(
+            scene=self.scene,
+            t=np.array(t),
+            q=np.array(q).reshape(shape),
+            v=np.array(v).reshape(shape),
+            multiplier_rows=multipliers,
+            gaps=np.array(gaps),
+            event_log=self.event_log,
+            qps=self.qps.qps,
+            solutions=self.qps.solutions,
+            counts=self.counts | {"qps": self.qps.count},
+            options=asdict(self.options),
+        )
+
+    def scheduled(self) -> list[float]:
+        """Times ahead at which a force jumps or an external impulse acts."""
+        times = [*self._jumps, *(impulse.t for impulse in self._impulses)]
+        return [time for time in times if time > self.t + SHORTEST_STEP]
+
+    def _external_impulse(self, t: float) -> Vector:
+        F = np.zeros_like(self.q)
+        for impulse in self._impulses:
+            if abs(impulse.t - t) <= SHORTEST_STEP:
+                F[3 * impulse.body : 3 * impulse.body + 3] += impulse.value
+        return F
+
+    def _record(self, step: VelocityStep | None = None, gaps: Vector = NOTHING) -> None:
+        """Keep the state; no array of it is written to again."""
+        rows, gap = NO_MULTIPLIERS, np.inf
+        if step is not None:
+            active = step.assembly.active
+            rows = Multipliers(active.normal_ids, active.friction_ids, step.lam_N, step.lam_F)
+            if step.lam_N.size:
+                gap = float(gaps.min())
+        self.states.append((self.t, self.q, self.history.v, rows, gap))
+
+    def _log(self, kind: str, detail: str) -> None:
+        self.event_log.append(Event(self.t, kind, detail))
+
+    def _clearance(self, normal: Normal) -> float:
+        geometry = self.graph.geometry
+        one = np.array([normal.corner]), np.array([normal.part])
+        return float(geometry.clearance(geometry.pose(self.q), *one)[0])
+
+    def _body_name(self, body: int) -> str:
+        return f"body {body + 1}" if body >= 0 else "the ground"
+
+    def _place_name(self, place: tuple[int, int, int]) -> str:
+        body, corner, other, edge, _ = self.graph.geometry.feature(place, 0)
+        return f"corner {corner} of {self._body_name(body)} on edge {edge} of " + self._body_name(
+            other
+        )
+
+    def _contact_name(self, contact: Contact) -> str:
+        names = [self._body_name(int(self.graph.geometry.part_body[p])) for p in contact.pair]
+        return f"{names[0]} and {names[1]}"
+
+    def _project(self, step: VelocityStep) -> Vector:
+        """Close the gaps of the contacts that bear a load; φ (N,) of all after it."""
+        assembly = step.assembly
+        loaded = np.flatnonzero(step.lam_N > 0)
+        sticking = np.flatnonzero([friction.sign == 0 for friction in assembly.frictions])
+        wanted = np.concatenate([-assembly.columns.phi[loaded], np.zeros(sticking.size)])
+        A = assembly.scaled(loaded, sticking, self.D)
+        self.q, self._last = self.q + correction(A, self.D, wanted), None
+        return Assembly(self.graph, self.q).columns.phi
+
+
+def _sum_of(forces: Sequence[Force], q: Vector, v: Vector, t: float, f: Vector) -> Vector:
+    for force in forces:
+        force.add(f, q, v, t)
+    return f

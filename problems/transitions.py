@@ -1,0 +1,188 @@
+"""What changes J_N, J_FO and J_FW, with which jumps: steps 3 and 4 of algorithm 1."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from problems.assembly import Assembly
+from problems.constraint_graph import Friction
+from problems.events import Hit, SlideOff, approach_speed, successor, touching
+from problems.impulses import solve_impulse
+from problems.qp import Vector
+from problems.sequence import SimulationError
+from problems.system import System
+from problems.velocity import VelocityStep
+
+MAX_STANDSTILL = 200
+"""Events in a row without the time moving on before the simulation gives up."""
+
+
+class Transitions(System):
+    """A `System` whose contacts come and go, slip, stick and jam."""
+
+    def _standing_event(self, hits: list[Hit], losses: list[SlideOff]) -> None:
+        """Events at t_{n−1} itself."""
+        self._count_standstill()
+        hits += self._slide_off(losses)
+        if hits:
+            self._impulse(hits, np.zeros_like(self.q))
+
+    def _count_standstill(self) -> None:
+        self._standstill += 1
+        if self._standstill > MAX_STANDSTILL:
+            raise SimulationError(
+                f"t = {self.t:.6g}: {MAX_STANDSTILL} events in a row without time moving on; "
+                "try another eps or drop_tol"
+            )
+
+    def _impulse(self, hits: list[Hit], F: Vector) -> None:
+        """Impulse of (2.13), (2.14) on J_N(t_* + 0); then drop what separates (§3.3).
+
+        Corners that touch and approach with the new velocity join, and it is solved again.
+        """
+        pose = self.graph.geometry.pose(self.q)
+        v_before = self.history.v
+        inserted = [
+            self._place_name((hit.corner, hit.part, hit.edge))
+            for hit in hits
+            if self.graph.insert(pose, hit.corner, hit.part, hit.edge) is not None
+        ]
+        self._join_touching(v_before)
+        while True:
+            assembly = Assembly(self.graph, self.q)
+            self.qps.settle(accepted=False)
+            if assembly.normals:
+                v, _ = solve_impulse(
+                    self.qps,
+                    assembly,
+                    self.D,
+                    self.scene.mu_I,
+                    v_before,
+                    F,
+                    self.t,
+                    self.options.impulses,
+                )
+            else:
+                v = v_before + F / self.D**2
+            if not self._join_touching(v):
+                break
+        self.qps.settle(accepted=True)
+        self.counts["impulses"] += 1
+        self._log("impulse", "; ".join(inserted) if inserted else "external" if F.any() else "")
+        self.history.restart(v)
+        self._drop_separating(assembly, assembly.gap_speed(v))
+        self._sort_frictions(Assembly(self.graph, self.q), v)
+        self._restart(0)
+        self._record()
+
+    def _join_touching(self, v: Vector) -> bool:
+        """Insert inactive corners that touch and approach with velocity v; whether any did."""
+        pose = self.graph.geometry.pose(self.q)
+        joined = [
+            self.graph.insert(pose, hit.corner, hit.part, hit.edge)
+            for hit in touching(self.graph, self.q, v, self.slowest_approach)
+        ]
+        return any(normal is not None for normal in joined)
+
+    def _restart(self, lam_known: int) -> None:
+        """Two first-order steps follow; λ is known at that many time points."""
+        self.history.restart(self.history.v)
+        self.lam_known = min(lam_known, self.lam_known)
+        self.qps.restart()
+        self.counts["restarts"] += 1
+
+    def _slide_off(self, losses: list[SlideOff]) -> list[Hit]:
+        """Remove what lost its support; the ends of the edges take over, or hit."""
+        geometry, pose = self.graph.geometry, self.graph.geometry.pose(self.q)
+        hits = []
+        for normal in (loss.normal for loss in losses if loss.normal.row_id in self.graph.normals):
+            self._log("slide_off", self._place_name(normal.place))
+            place = successor(geometry, pose, normal)
+            self.graph.remove(normal, self._clearance(normal))
+            self._restart(1)
+            if place is None or place[:2] in {normal.place[:2] for normal in self.graph.active()}:
+                continue
+            speed = approach_speed(geometry, pose, self.history.v, *place)
+            if speed < -self.slowest_approach:
+                hits.append(Hit(0.0, *place))
+            elif speed <= self.options.drop_tol:
+                self.graph.insert(pose, *place)
+                self._sort_frictions(Assembly(self.graph, self.q), self.history.v)
+        return hits
+
+    def _stick(self, stopped: list[Friction]) -> None:
+        """J_FW → J_FO at g_Fᵀq̇ = 0, for those that stopped and all that slip slower than ε."""
+        assembly = Assembly(self.graph, self.q)
+        for friction, speed in zip(
+            assembly.frictions, assembly.slip_speed(self.history.v), strict=True
+        ):
+            slow = friction in stopped or abs(speed) <= self.options.eps
+            if friction.sign != 0 and slow:
+                friction.sign = 0
+                self._log("slip_to_stick", self._contact_name(friction.contact))
+        self._restart(1)
+
+    def _jam(self, step: VelocityStep) -> None:
+        """After a step in which every contact could stick: which do, and the jump in q̇."""
+        caught = []
+        for friction, speed, bound in zip(
+            step.assembly.frictions, step.slip_speed, step.at_bound, strict=True
+        ):
+            slides_on = bound and abs(speed) > self.options.eps
+            if friction.sign != 0 and not slides_on:
+                caught.append(self._contact_name(friction.contact))
+            friction.sign = -int(np.sign(speed)) if slides_on else 0
+        self._log("jam", "; ".join(caught))
+        self._restart(0)
+
+    def _watch_gain(self, step: VelocityStep, signs: Vector) -> None:
+        """Report a friction gain γ ≥ 1, once per episode."""
+        found = self.gain_watch.look(step, signs)
+        if found is not None:
+            gain, normal = found
+            self._log("gain", f"{self._contact_name(normal.contact)}: γ = {gain:.3g}")
+
+    def _drop_separating(self, assembly: Assembly, speed: Vector) -> None:
+        """Step 4: contacts with g_Nᵀq̇ > drop_tol, their `speed` (N,), leave J_N.
+
+        λ is not looked at: an interior-point method's is never exactly 0.
+        """
+        for i in np.flatnonzero(speed > self.options.drop_tol):
+            normal = assembly.normals[i]
+            if normal.row_id in self.graph.normals:
+                self._log("drop", self._place_name(normal.place))
+                self.graph.remove(normal, self._clearance(normal))
+
+    def _sort_frictions(self, assembly: Assembly, v: Vector) -> None:
+        """J_FO where |g_Fᵀq̇| ≤ ε, else J_FW with s = −sign(g_Fᵀq̇)."""
+        for friction, speed in zip(assembly.frictions, assembly.slip_speed(v), strict=True):
+            friction.sign = 0 if abs(speed) <= self.options.eps else -int(np.sign(speed))
+
+    def _sort_signs(self, assembly: Assembly, slip: Vector) -> None:
+        """Signs s_i such that (2.9b) is satisfied at t_{n−1}."""
+        for friction, speed in zip(assembly.frictions, slip, strict=True):
+            if friction.sign != 0 and speed != 0:
+                friction.sign = -int(np.sign(speed))
+
+    def _stopping_lengths(self, step: VelocityStep, signs: Vector, slip_before: Vector) -> Vector:
+        """h at which each sliding contact stops (F,), by linear interpolation of g_Fᵀq̇; else ∞.
+
+        A contact that slips slower than 0.01 ε at h has stopped there.
+        """
+        after = step.slip_speed
+        lengths = np.full(signs.size, np.inf)
+        if not signs.any():
+            return lengths
+        turned = (signs != 0) & (slip_before * after < 0)
+        lengths[turned] = step.h * slip_before[turned] / (slip_before - after)[turned]
+        lengths[(signs != 0) & (np.abs(after) <= 0.01 * self.options.eps)] = step.h
+        return lengths
+
+    def _check_constraints(self, assembly: Assembly, speed: Vector) -> None:
+        """g_Nᵀq̇ ≥ 0 must hold at the start of a step, to the accuracy of the QP."""
+        if speed.size and speed.min() < -10 * self.options.eps:
+            i = int(np.argmin(speed))
+            raise SimulationError(
+                f"t = {self.t:.6g}: {self._place_name(assembly.places[i])} approaches at "
+                f"{-speed[i]:.3g} m/s although it is active; the solver's answer was wrong"
+            )
