@@ -1,5 +1,6 @@
 # make study   simulate, record, replay and report the four scenes: results/report/index.html
 # make publish study, criterion and growth, and what they report into reports/published
+# make peers   other physics engines, which it installs, and ours: reports/published/peers
 # make growth  time per QP against its size, up to 20,000 columns: results/growth/growth.md
 # make bench   work counts against the committed baseline, then times as ratios
 # make test    all tests
@@ -10,7 +11,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: study quick publish growth bench test lint clean
+.PHONY: study quick publish peers growth bench test lint clean
 
 study: $(INSTALLED)
 	$(BIN)/glambda study
@@ -23,6 +24,9 @@ publish: study growth
 	$(BIN)/glambda report results -o reports/published
 	$(BIN)/glambda record tower --set bodies=150 --until 0.3 -o results/families
 	$(BIN)/glambda record wall --set bodies=200 --until 0.3 -o results/families
+	$(BIN)/glambda record pyramid --set bodies=105 --until 0.3 -o results/families
+	$(BIN)/glambda record heap --set bodies=20 --until 0.1 -o results/families
+	$(BIN)/glambda record tower --set bodies=40 --set mu=0.5 --until 0.3 -o results/families
 	$(BIN)/glambda record wall --set bodies=12 --set mu=0.3 --until 0.1 -o results/families
 	$(BIN)/glambda criterion results/recordings/*.h5 results/families/*.h5 \
 	  -o reports/published/criterion
@@ -34,7 +38,15 @@ publish: study growth
 	$(BIN)/glambda closed-loop -o results/closed_loop
 	mkdir reports/published/closed_loop
 	cp results/closed_loop/closed_loop* reports/published/closed_loop
+	COLUMNS=110 $(BIN)/python benchmarks/steps.py > reports/published/steps.txt
 	find reports/published -name '*.svg' -delete
+
+peers: $(INSTALLED)
+	$(BIN)/python -m pip install --quiet -e '.[dev,peers]'
+	$(BIN)/glambda peers --limit 10 -o results/peers
+	rm -rf reports/published/peers
+	mkdir -p reports/published/peers
+	cp results/peers/peers* reports/published/peers
 
 growth: $(INSTALLED)
 	$(BIN)/glambda growth --limit 0.2 -o results/growth
