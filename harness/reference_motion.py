@@ -6,9 +6,9 @@
 2. Poses and velocities are read at the same times, `TIMES` of them, off both runs by cubic
    interpolation.  The error of a body is ‖δ(x, y)‖ + R |δφ|, and the same of q̇, see
    `harness.motion_error`; the largest one over bodies counts.
-3. Three stretches of time: until a step before the first event of any kind, if that is no impact;
-   until the first impact; from it on.  Times within `CLEAR` of an impact of the reference are left
-   out: q̇ jumps there, and the times of two impacts differ.
+3. Four stretches of time: until a step before the first event of any kind, if that is no impact;
+   until the first impact; from it to the `LATE`th; later.  Times within `CLEAR` of an impact of the
+   reference are left out: q̇ jumps there, and the times of two impacts differ.
 """
 
 from __future__ import annotations
@@ -40,8 +40,10 @@ LATEST = 1.0
 """End of other scenes [s], if their own is not earlier."""
 STOCK = f"h ≤ {LARGEST_STEP:g}"
 BOUNDS = (STOCK, BOUNDED)
-STRETCHES = ("smooth", "before", "after")
-"""Until the first event, until the first impact, after it."""
+STRETCHES = ("smooth", "before", "after", "late")
+"""Until the first event, until the first impact, after it, after some more."""
+LATE = 4
+"""Number of the impact after which it is late; those within `CLEAR` of each other count as one."""
 TIMES = 600
 """Times at which poses and velocities are compared."""
 CLEAR = 5e-3
@@ -100,7 +102,7 @@ class Reference(NamedTuple):
     """The motion that is taken for exact.
 
     times : (n,) [s] at which runs are compared;  q, v : (n, bodies, 3);  radius : (bodies,) [m]
-    ends : of the stretches [s]: first event, first impact, end
+    ends : of the stretches [s]: first event, first and `LATE`th impact
     energy : T + V at the end [J], and the largest T
     """
 
@@ -113,9 +115,11 @@ class Reference(NamedTuple):
 
     def within(self, stretch: str) -> NDArray[np.bool_]:
         """Which times (n,) belong to one of `STRETCHES`."""
-        first, impact, _ = self.ends
+        first, impact, late = self.ends
+        if stretch == "late":
+            return self.times > late
         if stretch == "after":
-            return self.times > impact
+            return (self.times > impact) & (self.times <= late)
         if stretch == "before":
             return self.times < impact
         # steps reach across the event
@@ -140,5 +144,8 @@ def reference_of(case: Case, solver: SolvesQPs) -> Reference:
     q, v = interpolate(run, times.tolist())
     T = run.kinetic_energy()
     last = float(T[-1] + run.potential_energy()[-1])
-    ends = (min([*happens, case.until]), motion.first_impact, case.until)
+    apart = impacts[np.diff(impacts, prepend=-np.inf) > CLEAR]
+    apart = apart[apart >= motion.first_impact]
+    late = float(apart[LATE - 1]) if len(apart) >= LATE else case.until
+    ends = (min([*happens, case.until]), motion.first_impact, late)
     return Reference(times, q, v, motion.radius, ends, (last, float(T.max())))

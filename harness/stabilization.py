@@ -100,14 +100,14 @@ def compare_rules(
 
 def _measures(run: Run, reference: Reference) -> dict[str, float]:
     pose, _ = reference.errors(run)
-    before, after = (pose[reference.within(part)] for part in ("before", "after"))
+    hit = ~reference.within("before")
     exact, largest = reference.energy
     return {
         "depth": max(0.0, -float(run.gaps.min())),
         "overlap": max(0.0, float(overlap(run.scene, run.q).max())),
         "gap": _last_gap(run),
-        "before": _largest(before),
-        "after": _largest(after),
+        "before": _largest(pose[~hit]),
+        "after": _largest(pose[hit]),
         "energy": (energy(run)["final_energy"] - exact) / largest,
         "steps": run.counts["steps"],
         "events": len(run.event_log),

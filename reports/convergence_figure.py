@@ -30,29 +30,26 @@ if TYPE_CHECKING:
 
 Looks = dict[str, dict[str, Any]]
 COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY)
+LINES: dict[str, Any] = {BOUNDED: "-", STOCK: (0, (2, 2))}
 MARKERS = ("o", "s", "^", "D", "v", "P")
 
 
 def plot_convergence(measured: Converged, path: Path) -> Path:
-    """Six panels: errors by ε three times, time by error, overlap and error by τ."""
+    """Six panels: errors by ε three times, time by error, overlap and error by τ; dashed: STOCK."""
     labels = list(measured.swept["scene"].unique())
     looks: Looks = {
         label: {"color": COLOURS[i % len(COLOURS)], "marker": MARKERS[i % len(MARKERS)]}
         for i, label in enumerate(labels)
     }
-    swept = measured.swept
-    bounded, stock = (swept[swept["bound"] == bound] for bound in (BOUNDED, STOCK))
     with drawing() as Figure:
         figure = Figure(figsize=(PAGE_WIDTH, 5.6), layout="constrained")
         top, bottom = figure.subplots(2, 3)
-        _draw_errors(top[0], bounded[bounded["stretch"] == "before"], looks)
-        top[0].set_title(f"before impact, {BOUNDED}")
-        _draw_errors(top[1], bounded[bounded["stretch"] == "after"], looks)
-        top[1].set_title(f"after impact, {BOUNDED}")
-        _draw_errors(top[2], stock[stock["stretch"] == "after"], looks)
-        top[2].set_title(f"after impact, {STOCK}")
+        titles = {"before": "before the first impact", "after": "after it", "late": "late"}
+        for axes, (stretch, title) in zip(top, titles.items(), strict=True):
+            _draw_errors(axes, measured.swept[measured.swept["stretch"] == stretch], looks)
+            axes.set_title(title)
         top[2].sharey(top[1])
-        _draw_work(bottom[0], swept, looks)
+        _draw_work(bottom[0], measured.swept, looks)
         drifted = measured.drifted
         drifted = drifted[drifted.groupby("scene")["depth"].transform("max") > SHALLOW]
         _draw_drift(bottom[1], drifted, "depth", looks)
@@ -72,8 +69,12 @@ def plot_convergence(measured: Converged, path: Path) -> Path:
 def _draw_errors(axes: Axes, part: pd.DataFrame, looks: Looks) -> None:
     axes.set_xscale("log")
     axes.set_yscale("log")
-    for label, runs in part[part["pose"] > ROUNDING].groupby("scene", sort=False):
-        axes.plot(runs["eps"], runs["pose"], markersize=3.5, linewidth=1.1, **looks[label])
+    above = part[part["pose"] > ROUNDING]
+    for (label, bound), runs in above.groupby(["scene", "bound"], sort=False):
+        axes.plot(
+            runs["eps"], runs["pose"], markersize=3.5 if bound == BOUNDED else 2, linewidth=1.1,
+            linestyle=LINES[bound], **looks[label],
+        )  # fmt: skip
     eps = np.array([part["eps"].min(), part["eps"].max()]) if len(part) else np.array([1e-6, 1e-2])
     axes.plot(eps, eps, color=SOFT, linewidth=0.8, linestyle=(0, (4, 2)))
     axes.annotate("ε", (eps[0], eps[0]), xytext=(2, 4), textcoords="offset points", color=SOFT)
@@ -89,9 +90,9 @@ def _draw_work(axes: Axes, swept: pd.DataFrame, looks: Looks) -> None:
     for (label, bound), runs in worst.groupby(["scene", "bound"], sort=False):
         axes.loglog(
             runs["pose"], runs["cpu"], markersize=3, linewidth=1.1,
-            linestyle="-" if bound == BOUNDED else (0, (2, 2)), **looks[label],
+            linestyle=LINES[bound], **looks[label],
         )  # fmt: skip
-    axes.set_title(f"CPU time; dashed: {STOCK}")
+    axes.set_title(f"dashed: {STOCK}, else {BOUNDED}", fontsize=8)
     axes.set_xlabel("pose error [m]")
     axes.set_ylabel("CPU [s]")
     axes.grid(True)

@@ -96,10 +96,19 @@ def test_a_run_has_no_error_against_itself(monkeypatch: pytest.MonkeyPatch) -> N
     run, _ = run_case(case, make_solver("lotstedt"), 1e-4)
     pose, velocity = reference.errors(run)
     assert not pose.any() and not velocity.any()
-    first, impact, end = reference.ends
-    assert 0.1 < impact < 0.2 and first <= impact and end == 0.5
+    first, impact, late = reference.ends
+    assert 0.1 < impact < 0.2 and first <= impact and late == 0.5
     before, after = reference.within("before"), reference.within("after")
     assert (before ^ after).all() and not reference.within("smooth")[after].any()
+
+
+def test_it_is_late_after_some_impacts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("harness.reference_motion.REFERENCE", 1e-4)
+    monkeypatch.setattr("harness.reference_motion.LATE", 2)
+    reference = reference_of(Case("fig4", scene("fig4"), 0.5), make_solver("lotstedt"))
+    parts = [reference.within(stretch) for stretch in ("before", "after", "late")]
+    assert (np.sum(parts, axis=0) == 1).all() and all(part.any() for part in parts)
+    assert 0.29 < reference.ends[2] < 0.3
 
 
 def test_the_error_is_proportional_to_eps(measured: Converged) -> None:
