@@ -202,10 +202,13 @@ class ConstraintGraph:
         for body in {int(self.geometry.part_body[p]) for p in contact.pair}:
             self.of_body[body].remove(contact)
 
-    def hand_over(self, normal: Normal, place: tuple[int, int, int]) -> None:
-        """Let another corner and edge carry a constraint."""
-        normal.corner, normal.part, normal.edge = place
-        self._change()
+    def hand_over(self, places: Mapping[int, tuple[int, int, int]]) -> None:
+        """Let other corners and edges carry constraints, {row_id: (corner, part, edge)}."""
+        self._active = self.active_set().carried_by(self.geometry, places)
+        for row_id, place in places.items():
+            normal = self.normals[row_id]
+            normal.corner, normal.part, normal.edge = place
+        self.candidates.occupy(self._active.place)
 
     def note_multipliers(self, lam_N: Vector) -> None:
         """Keep λ_N (N,) of a new time point beside that of the last."""

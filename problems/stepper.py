@@ -285,10 +285,10 @@ class Stepper(Transitions):
         self.lam_known = min(self.lam_known + 1, self.history.steps, 2)
         self.graph.note_multipliers(step.lam_N)
         for row_id, place in arrival.handed_over.items():
-            normal = self.graph.normals[row_id]
-            self._log("hand_over", f"{self._place_name(normal.place)} to {self._place_name(place)}")
-            self.graph.hand_over(normal, place)
-        self.graph.active_set()  # what was handed over is not free
+            before = self.graph.normals[row_id].place
+            self._log("hand_over", f"{self._place_name(before)} to {self._place_name(place)}")
+        if arrival.handed_over:
+            self.graph.hand_over(arrival.handed_over)
         self.graph.candidates.note_clearances(arrival.clearance)
         gaps = step.assembly.columns.phi
         if self.options.drift == "projection":
