@@ -14,9 +14,11 @@ One step from t_{n−1} to t_n (Lötstedt 1984, §3.1, with the additions of §4
 
 This differs from the paper, because the text leaves it open or the rule fails as printed:
  1. contacts are found, inserted and removed automatically; a contact whose corner leaves its edge
-    while two edges lie on each other is handed over to the coincident corner, without an event;
+    while two edges lie on each other is handed over to the coincident corner, without an event, and
+    where a corner slides off the end of the edge takes over if it touches;
  2. t_* is refined from the inverse linear interpolation, collisions and slide-offs are located on
-    the position polynomial before any QP is solved;
+    the position polynomial before any QP is solved, and also where they are undone by the end of
+    the step (`problems.dips`);
  3. the threshold of step 4 is a parameter of its own, `drop_tol`, by default ε;
  4. with slip → stick, every contact that slips slower than ε sticks with it;
  5. events at less than `SHORTEST_STEP` are handled where they are, with no step;
