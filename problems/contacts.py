@@ -212,7 +212,7 @@ class Geometry:
             if opposite and parallel and abs(phi[line]) <= 2 * self.contact_tol:
                 offset = (pose.corners[taker] - pose.corners[corner]) @ other_direction
                 inward = offset if line == number else -offset
-                if -self.contact_tol <= inward:
+                if inward >= 0:
                     return taker, other, line
         return None
 

@@ -25,6 +25,10 @@ from problems.qp import Vector
 
 GROWTH = 2.0
 """Largest h_n / h_{n−1}."""
+TOO_MUCH = 4.0
+"""A step is redone when its error turns out to be more than this many ε, …"""
+REDONE = 3
+"""… so many times: the error does not vanish with h where q̈ jumps."""
 SHORTEST_STEP = 1e-9
 """Steps shorter than this are not taken: an event there happens at t_{n−1} [s]."""
 SAFETY = 0.9
@@ -115,6 +119,13 @@ class History:
         # h (h/6 + h_{n-1}/4) jerk = eps
         half = 0.75 * self.h
         return float(np.sqrt(half * half + 6 * eps / jerk) - half)
+
+    def error(self, h: float, a: Vector, norm: Callable[[Vector], float]) -> float:
+        """‖ℓ_n‖_M / h of (3.5) after a step of AB-2 of length h that found q̈_n = a; 0 for AB-1.
+
+        With q⃛ ≈ (q̈_n − q̈_{n−1})/h, which knows of a force that has set in on the way.
+        """
+        return (h / 6 + self.h / 4) * norm(a - self.a[0]) if self.order == 2 else 0.0
 
 
 def first_order_step(acceleration: float, eps: float) -> float:

@@ -33,10 +33,10 @@ TIME, H, WISH = range(3)
 # … and what the stepper is set to
 EPS, DROP_TOL, H_MAX, FIXED, REST_SPEED, SHORTEST, UNTIL, REACH = range(3, 11)
 GROWTH, SAFETY, ROUNDING, FORGET, END_SLACK, CONTACT_TOL = range(11, 17)
-AT_BOUND, FIRST_RATE, SAFE_FRACTION = range(17, 20)
+AT_BOUND, FIRST_RATE, SAFE_FRACTION, TOO_MUCH, REDONE = range(17, 22)
 # entries of `QuietSteps.counts`: steps since the last restart, steps taken, QPs solved, highest
 # order, whether the candidates have to be listed anew, time points with λ, corrected friction,
-# steps rejected because they were too long for a first one, whether nothing happens at UNTIL
+# steps rejected because their error turned out too large, whether nothing happens at UNTIL
 STEPS, TAKEN, SOLVES, HIGHEST, STALE, KNOWN, CORRECTED, REJECTED, OPEN = range(9)
 
 
@@ -187,6 +187,7 @@ def _prepare(stepper: System, active: ActiveSet, end: float) -> QuietSteps:
                 *(multistep.GROWTH, multistep.SAFETY, step_kernels.ROUNDING),
                 *(step_kernels.FORGET_LEVEL, step_kernels.END_SLACK, graph.geometry.contact_tol),
                 *(friction_kernels.AT_BOUND, velocity.FIRST_RATE, minimum_norm.SAFE_FRACTION),
+                *(multistep.TOO_MUCH, multistep.REDONE),
             ]
         ),
         counts=np.array(

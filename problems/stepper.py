@@ -41,7 +41,14 @@ from problems.drift import DRIFT_TIME, DriftRule
 from problems.events import SAME_TIME, Arrival, Hit, SlideOff, look_ahead, touching
 from problems.friction import FrictionRule
 from problems.impulses import ImpulseRule
-from problems.multistep import GROWTH, SAFETY, SHORTEST_STEP, first_order_step
+from problems.multistep import (
+    GROWTH,
+    REDONE,
+    SAFETY,
+    SHORTEST_STEP,
+    TOO_MUCH,
+    first_order_step,
+)
 from problems.options import StepperOptions
 from problems.qp import Vector
 from problems.quiet import take_quiet_steps
@@ -162,7 +169,7 @@ class Stepper(Transitions):
         known = self.lam_known
         h_full = self._step_length()
         h = min(h_full, min([*self.scheduled(), end]) - self.t)
-        unsettled = 0
+        unsettled = redone = 0
         for _ in range(MAX_TRIES):
             arrival, hits, losses = look_ahead(self.graph, path, h, self.slowest_approach)
             if hits or losses:
@@ -186,9 +193,9 @@ class Stepper(Transitions):
                 h, known = min(h, JAM_STEP), STUCK
                 signs = np.zeros_like(signs)
                 continue
-            shorter = self._rejected_length(step, h, known == STUCK)
+            shorter = self._rejected_length(step, h, known == STUCK, redone < REDONE)
             if shorter is not None:
-                h, h_full = shorter, min(h_full, shorter)
+                h, h_full, redone = shorter, min(h_full, shorter), redone + step.settled
                 self._reject()
                 continue
             lengths = self._stopping_lengths(step, signs, slip_before)
@@ -258,18 +265,25 @@ class Stepper(Transitions):
             return step._replace(settled=True)
         return step
 
-    def _rejected_length(self, step: VelocityStep, h: float, caught: bool) -> float | None:
+    def _rejected_length(
+        self, step: VelocityStep, h: float, caught: bool, check: bool
+    ) -> float | None:
         """A shorter step where the trial does not do, else None.
 
-        The iteration did not settle, or it is the first step after a restart, whose local error
-        is known only now.
+        The iteration did not settle; or it is the first step after a restart, whose local error is
+        known only now; or, where that is to be checked, the error is much larger than (3.5) had it.
         """
         if not step.settled:
             return h / 2
-        if self.history.steps == 0 and self.options.fixed_step is None and not caught:
-            largest = first_order_step(self.equations.norm(step.a), self.options.eps)
-            if h > largest and h > 100 * SHORTEST_STEP:
-                return SAFETY * largest
+        if self.options.fixed_step is not None or caught or h <= 100 * SHORTEST_STEP:
+            return None
+        norm, eps = self.equations.norm, self.options.eps
+        if self.history.steps == 0:
+            largest = first_order_step(norm(step.a), eps)
+            return SAFETY * largest if h > largest else None
+        error = self.history.error(h, step.a, norm)
+        if check and error > TOO_MUCH * eps:
+            return max(h / 5, SAFETY * h * np.sqrt(eps / error))
         return None
 
     def _reject(self) -> None:

@@ -39,6 +39,7 @@ from problems.quiet import (
     KNOWN,
     OPEN,
     REACH,
+    REDONE,
     REJECTED,
     REST_SPEED,
     ROUNDING,
@@ -50,6 +51,7 @@ from problems.quiet import (
     STEPS,
     TAKEN,
     TIME,
+    TOO_MUCH,
     UNTIL,
     V_BEFORE,
     WISH,
@@ -83,6 +85,18 @@ def next_length(state, reals, steps, order, D):
             allowed = sqrt(half * half + 6 * reals[EPS] * reals[H] / size) - half
         h = min(h, reals[SAFETY] * allowed)
     return max(h, 10 * reals[SHORTEST])
+
+
+@kernel
+def redo(state, reals, a, h, D):
+    """A shorter step where that of AB-2 was too inaccurate, as `Stepper._rejected_length`; ∞."""
+    total = 0.0
+    for i in range(D.size):
+        total += (D[i] * (a[i] - state[A, i])) ** 2
+    error = (h / 6 + reals[H] / 4) * sqrt(total)
+    if error <= reals[TOO_MUCH] * reals[EPS]:
+        return inf
+    return max(h / 5, reals[SAFETY] * h * sqrt(reals[EPS] / error))
 
 
 @kernel
@@ -221,7 +235,7 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
             if run.signs[j] * slip[j] > 0.0:
                 return
     spring = F > 0 and not (counts[CORRECTED] and len(run.sticking) == F)
-    longest = inf
+    longest, redone = inf, 0
     while counts[TAKEN] < run.gaps.size:
         steps = counts[STEPS]
         order = 1 if steps < 2 else counts[HIGHEST]
@@ -321,13 +335,17 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
             v[i] = weight * r[i] / D[i]
             a[i] = (alpha0 * v[i] - a[i]) / h
             size += (D[i] * a[i]) ** 2
-        if steps == 0 and reals[FIXED] <= 0.0 and h * sqrt(size) > 2 * reals[EPS]:
-            if h <= 100 * reals[SHORTEST]:
-                return
-            longest = reals[SAFETY] * 2 * reals[EPS] / sqrt(size)
-            counts[REJECTED] += 1
+        shorter = inf
+        if steps == 0:
+            allowed = 2 * reals[EPS] / sqrt(size) if size > 0.0 else inf
+            shorter = reals[SAFETY] * allowed if h > allowed else inf
+        elif order == 2 and redone < reals[REDONE]:
+            shorter = redo(state, reals, a, h, D)
+        if shorter < inf and reals[FIXED] <= 0.0 and h > 100 * reals[SHORTEST]:
+            longest, redone = shorter, redone + 1
             continue
-        longest = inf
+        counts[REJECTED] += redone
+        longest, redone = inf, 0
         if F > 0:
             speed = column_speeds(g_F, bodies, v)
             for j in range(F):
