@@ -69,6 +69,8 @@ JAM_STEP = 1e-4
 """Longest step in which contacts catch [s]: the jump in q̇ does not depend on it."""
 REST_HORIZON = 0.3
 """At rest, no body would double its `rest_speed` in this time if it kept its acceleration [s]."""
+REST_SHOWN = 0.3
+"""How long a run goes on at rest [s]: the QPs of rest, of redundant contacts, belong to it."""
 
 
 def simulate(
@@ -119,7 +121,7 @@ def simulate(
         raise ValueError(f"until = {until!r}; it must be a positive time")
     stepper = Stepper(scene, solver, options, keep_qps)
     stepper.start()
-    while stepper.t < end - SHORTEST_STEP and not stepper.at_rest:
+    while stepper.t < end - SHORTEST_STEP and stepper.t < stepper.rest_since + REST_SHOWN:
         stepper.advance(end)
         if progress is not None:
             progress(stepper.t)
@@ -355,9 +357,9 @@ class Stepper(Transitions):
         """Whether all bodies are still, and nothing that is ahead or acts on them changes that."""
         if not self.scene.stop_at_rest or not self.history.a or self.scheduled():
             return
-        fastest = fastest_body(self.D, self.history.v)
-        if max(fastest, REST_HORIZON * fastest_body(self.D, self.history.a[0])) <= (
-            self.options.rest_speed
-        ):
-            self.at_rest = True
+        v, a = (fastest_body(self.D, motion) for motion in (self.history.v, self.history.a[0]))
+        if max(v, REST_HORIZON * a) > self.options.rest_speed:
+            self.rest_since = np.inf
+        elif self.rest_since == np.inf:
+            self.rest_since = self.t
             self._log("rest", "")

@@ -61,7 +61,7 @@ class System:
         self.event_log: list[Event] = []
         self._standstill = 0
         self._last: VelocityStep | None = None
-        self.at_rest = False
+        self.rest_since = np.inf
         self.states: list[tuple[float, Vector, Vector, Multipliers, float]] = []
         self.shapes = Shapes.of(self.graph.geometry)
         self._quiet = quiet_solver(self)
