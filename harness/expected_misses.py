@@ -33,14 +33,14 @@ EXPECTED: dict[str, Expected] = {
             ("fig2", "high"): 60,
             ("fig4", "paper"): 18,
             ("fig4", "high"): 30,
-            ("fig5", "paper"): 10,
-            ("fig5", "high"): 4,
+            ("fig5", "paper"): 8,
+            ("fig5", "high"): 2,
         },
         DEGENERATE_ROWS,
     ),
     "piqp": Expected(
         {
-            ("fig2", "paper"): 42,
+            ("fig2", "paper"): 40,
             ("fig2", "high"): 58,
             ("fig4", "paper"): 14,
             ("fig4", "high"): 30,
