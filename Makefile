@@ -1,5 +1,6 @@
 # make study   simulate, record, replay and report the four scenes: results/report/index.html
-# make publish study, criterion and growth, and what they report into reports/published
+# make campaigns  starts, accuracies and forms, beside a study: more sections of its page
+# make publish study, campaigns, criterion and growth, and what they report into reports/published
 # make peers   other physics engines, which it installs, and ours: reports/published/peers
 # make growth  time per QP against its size, up to 20,000 columns: results/growth/growth.md
 # make bench   work counts against the committed baseline, then times as ratios
@@ -11,7 +12,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: study quick publish peers growth bench test lint clean
+FRICTION := results/recordings/fig4.h5 results/recordings/fig5.h5
+
+.PHONY: study quick publish campaigns peers growth bench test lint clean
 
 study: $(INSTALLED)
 	$(BIN)/glambda study
@@ -19,7 +22,7 @@ study: $(INSTALLED)
 quick: $(INSTALLED)
 	$(BIN)/glambda study --quick
 
-publish: study growth
+publish: study campaigns growth
 	rm -rf reports/published
 	$(BIN)/glambda report results -o reports/published
 	$(BIN)/glambda record tower --set bodies=150 --until 0.3 -o results/families
@@ -40,6 +43,15 @@ publish: study growth
 	cp results/closed_loop/closed_loop* reports/published/closed_loop
 	COLUMNS=110 $(BIN)/python benchmarks/steps.py > reports/published/steps.txt
 	find reports/published -name '*.svg' -delete
+
+campaigns: $(INSTALLED)
+	$(BIN)/glambda replay $(FRICTION) --settings paper --solvers lotstedt,daqp,osqp,proxqp \
+	  --arms exact,extrapolated,previous,stale5,stale20,corrupted,bare,shuffled -o results
+	$(BIN)/glambda replay $(FRICTION) --settings 1e-2,1e-4,1e-6,1e-8,1e-10 --arms warm \
+	  --solvers lotstedt,clarabel,daqp,highs,osqp,piqp,proxqp,scs -o results
+	$(BIN)/glambda stretch results/recordings/fig5.h5 -o results/stretched
+	$(BIN)/glambda replay results/stretched/*.h5 --settings high --arms cold \
+	  --solvers forms -o results
 
 peers: $(INSTALLED)
 	$(BIN)/python -m pip install --quiet -e '.[dev,peers]'

@@ -191,8 +191,30 @@ def reproduce(results: Results) -> str:
             f"glambda replay 'recordings/{scene}.h5' --solvers '{solver}' --qp {int(number)}"
             "      # one row again"
         )
+    lines += _campaign_commands(results)
     lines.append("glambda report results -o report")
     return "\n".join(lines)
+
+
+def _campaign_commands(results: Results) -> list[str]:
+    """One replay for each setting of the campaigns, which repeats all that was run with it."""
+    rows = results.campaigns
+    if rows is None or rows.empty:
+        return []
+    lines = []
+    for setting in in_order(rows["settings"].unique(), tuple(results.settings)):
+        part = rows[rows["settings"] == setting]
+        labels = sorted(part["scene"].unique())
+        unknown = sorted(set(labels) - set(results.scenes))
+        lines += [record_command(label, {}) for label in unknown]
+        files = " ".join(f"'recordings/{label}.h5'" for label in labels)
+        solvers = ",".join(sorted(part["solver"].unique(), key=solver_order))
+        arms = ",".join(in_order(part["arm"].unique(), ARMS))
+        lines.append(
+            f"glambda replay {files} --solvers '{solvers}' \\\n"
+            f"    --settings {setting} --arms {arms} -o results"
+        )
+    return lines
 
 
 def record_command(label: str, parameters: Mapping[str, Any]) -> str:

@@ -23,7 +23,7 @@ from reports.motion import frame_times, motion_of
 from reports.page import prose, report, unflattering, write_report
 from reports.profiles import profile, ratios
 from reports.protocol import protocol, record_command, reproduce
-from reports.results import Results, empty_rows, load_results, prepare
+from reports.results import KEY, Results, empty_rows, load_results, prepare
 from reports.spread import spread_table
 from reports.table import microseconds, percent, short
 from reports.tables import (
@@ -704,6 +704,18 @@ def test_commands_to_reproduce(study):
     text = reproduce(study)
     assert "--settings paper,high --arms cold,warm" in text
     assert "--qp 0" in text
+
+
+def test_campaigns_have_their_commands():
+    rows = make_rows(scenes=("fig2", "fig4,condition=1e4"), solvers=("lotstedt", "osqp"))
+    study, aside = rows[rows["scene"] == "fig2"], rows[rows["scene"] != "fig2"]
+    campaigns = pd.concat([aside.assign(settings="1e-6"), study.assign(arm="exact")])
+    made = replace(results_of(study), campaigns=prepare(campaigns.drop_duplicates(KEY)))
+    text = reproduce(made)
+    assert "glambda stretch recordings/fig4.h5 --condition 1e4" in text
+    assert "glambda replay 'recordings/fig2.h5' --solvers 'lotstedt,osqp'" in text
+    assert "--settings paper --arms exact -o results" in text
+    assert "--settings 1e-6 --arms cold,warm -o results" in text
 
 
 def test_the_protocol_tells_what_is_known_of_clock_pace_and_harness(study):
