@@ -46,7 +46,7 @@ publish: study campaigns growth
 
 campaigns: $(INSTALLED)
 	$(BIN)/glambda replay $(FRICTION) --settings paper --solvers lotstedt,daqp,osqp,proxqp \
-	  --arms exact,extrapolated,previous,stale5,stale20,corrupted,bare,shuffled -o results
+	  --arms exact,extrapolated,stale5,stale20,corrupted,bare,shuffled -o results
 	$(BIN)/glambda replay $(FRICTION) --settings 1e-2,1e-4,1e-6,1e-8,1e-10 --arms warm \
 	  --solvers lotstedt,clarabel,daqp,highs,osqp,piqp,proxqp,scs -o results
 	$(BIN)/glambda stretch results/recordings/fig5.h5 -o results/stretched

@@ -20,7 +20,7 @@ from typing import Any, ClassVar
 import daqp
 import numpy as np
 
-from problems.qp import AT_LOWER, AT_UPPER, Status
+from problems.qp import AT_LOWER, AT_UPPER, ContactQP, Status
 from solvers.adapters.forms import MANY, Built, Native, Outcome, Posed
 from solvers.adapters.programs import Program, ProgramSolver
 from solvers.base import Start
@@ -62,27 +62,32 @@ class DAQP(ProgramSolver):
         rows = program.rows(slice(program.simple, None), sparse=False)
         return program.P(sparse=False), program.q, rows, program.upper, program.lower, sense
 
-    def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
-        """Update the model of the previous solve, or make one that knows its working set."""
-        posed, arrays, carried, *_ = problem
-        shape = arrays[2].shape
-        if carried is not None and carried.native.arrays != shape:
-            carried = None
-        model = daqp.Model() if carried is None else carried.native.object
+    def build(self, qp: ContactQP, start: Start | None) -> Built:
+        """As every package's, and DAQP's settings: those are ours to find, not the package's."""
+        built, asked = super().build(qp, start), self.asked(qp)
         settings: dict[str, float] = {"iter_limit": self.max_iterations}
         if asked is not None:
-            tolerance = posed.residual_tolerance(asked, 1e-14)
-            settings |= {"primal_tol": tolerance, "dual_tol": tolerance, "eta_prox": _step(posed)}
-        model.settings = settings
-        if carried is None:
+            tolerance = built.posed.residual_tolerance(asked, 1e-14)
+            step = _step(built.posed)
+            settings |= {"primal_tol": tolerance, "dual_tol": tolerance, "eta_prox": step}
+        return built._replace(arrays=(settings, built.arrays))
+
+    def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
+        """Update the model of the previous solve, or make one that knows its working set."""
+        posed, (settings, arrays), carried, _, _ = problem
+        P, q, rows, upper, lower, sense = arrays
+        if carried is None or carried.native.arrays != rows.shape:
+            model = daqp.Model()
+            model.settings = settings
             model.setup(*arrays)
-        else:
-            P, q, rows, upper, lower, sense = arrays
-            more = {"A": rows} if rows.size else {}
-            if carried.duals is None:  # the model's working set is another than the start's
-                more["sense"] = sense
-            model.update(H=P, f=q, bupper=upper, blower=lower, **more)
-        return Native(posed, model, shape)
+            return Native(posed, model, rows.shape)
+        model = carried.native.object
+        model.settings = settings
+        more = {"A": rows} if rows.size else {}
+        if carried.duals is None:  # the model's working set is another than the start's
+            more["sense"] = sense
+        model.update(H=P, f=q, bupper=upper, blower=lower, **more)
+        return Native(posed, model, rows.shape)
 
     def run(self, native: Native) -> Any:
         """`daqp.Model.solve`."""
