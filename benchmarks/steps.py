@@ -12,7 +12,8 @@ up and is not counted.  The shares are of the same run:
     geometry  assembly: poses, constraint functions, columns, the matrix A
     events    collisions, ends of edges, candidates, reference levels
 
-The exponent is that of n in time per step, between the least and the greatest n of a family.  The
+"alone" is the time where QPs are not kept, so that quiet steps are left to compiled code.  The
+exponent is that of n in time per step, between the least and the greatest n of a family.  The
 drift is the farthest that anything has moved in 100 steps of 1/240 s of an aligned tower with
 μ = 0.5, ε = 1e-9: from rest, and after seeded random velocities of at most 1e-6.
 """
@@ -100,10 +101,10 @@ def stages(clock: Clock) -> Iterator[None]:
             setattr(owner, name, function)
 
 
-def started(start: Scene, **options: Any) -> Stepper:
+def started(start: Scene, keep_qps: bool = True, **options: Any) -> Stepper:
     eps = options.pop("eps", start.eps)
     settings = {"eps": eps, "drop_tol": eps, "rest_speed": 2 * eps} | options
-    stepper = Stepper(start, make_solver("lotstedt"), StepperOptions(**settings))
+    stepper = Stepper(start, make_solver("lotstedt"), StepperOptions(**settings), keep_qps)
     stepper.start()
     return stepper
 
@@ -143,7 +144,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--no-drift", action="store_true")
     chosen = parser.parse_args(arguments)
     console = Console(width=110)
-    table = Table("scene", "bodies", "steps", "µs/step", "× fig2", *SHARES, "exponent")
+    table = Table("scene", "bodies", "steps", "µs/step", "alone", "× fig2", *SHARES, "exponent")
     cases = [
         *((parameters, 0) for parameters in SMALL),
         *((parameters, bodies) for parameters in FAMILIES for bodies in chosen.bodies),
@@ -154,15 +155,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for parameters, bodies in track(cases, console=Console(stderr=True)):
         start = scene(**parameters, **({"bodies": bodies} if bodies else {}))
         seconds, steps, shares = time_of(start)
+        alone, _, _ = time_of(start, keep_qps=False)
         unit = unit or seconds
         if bodies == chosen.bodies[0]:
             first = bodies, seconds
         grown = bodies > first[0] > 0
         exponent = np.log(seconds / first[1]) / np.log(bodies / first[0]) if grown else 0.0
-        numbers = len(start.bodies), steps, round(1e6 * seconds), f"{seconds / unit:.1f}"
+        numbers = len(start.bodies), steps, round(1e6 * seconds)
+        ratios = round(1e6 * alone), f"{seconds / unit:.1f}"
         percents = (f"{100 * shares[stage]:.0f} %" for stage in SHARES)
         growth = f"{exponent:.2f}" if grown else ""
-        table.add_row(start.label, *map(str, numbers), *percents, growth)
+        table.add_row(start.label, *map(str, numbers), *map(str, ratios), *percents, growth)
     console.print(table)
     if not chosen.no_drift:
         rest = Table("bodies", "velocity", "drift", "ms/step", title="Towers at rest, μ = 0.5")

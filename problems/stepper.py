@@ -121,7 +121,7 @@ def simulate(
         raise ValueError(f"until = {until!r}; it must be a positive time")
     stepper = Stepper(scene, solver, options, keep_qps)
     stepper.start()
-    while stepper.t < end - SHORTEST_STEP and stepper.t < stepper.rest_since + REST_SHOWN:
+    while stepper.t < end - SHORTEST_STEP and not stepper.at_rest:
         stepper.advance(end)
         if progress is not None:
             progress(stepper.t)
@@ -352,6 +352,11 @@ class Stepper(Transitions):
         self._check_constraints(assembly, gap_speed)
         self._drop_separating(assembly, gap_speed)
         self._watch_rest()
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether rest has been shown for as long as it belongs to a run."""
+        return bool(self.t >= self.rest_since + REST_SHOWN)
 
     def _watch_rest(self) -> None:
         """Whether all bodies are still, and nothing that is ahead or acts on them changes that."""
