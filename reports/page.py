@@ -359,7 +359,8 @@ def lead(results: Results) -> str:
     count = len(results.scenes)
     said = f"{count} scene{'s' * (count != 1)} ({join(results.scenes, 10)})"
     if results.recordings:
-        qps = sum(len(recording.qps) for recording in results.recordings.values())
+        known = [results.recordings[name] for name in results.scenes if name in results.recordings]
+        qps = sum(len(recording.qps) for recording in known)
         said += f", simulated and recorded: {qps:,} quadratic programs"
     rows = results.rows
     if len(rows):

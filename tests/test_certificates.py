@@ -195,3 +195,13 @@ def test_nothing_is_reported_without_recordings(tmp_path: Path) -> None:
     assert references_table(results).data.empty
     with pytest.raises(ValueError, match="no recording with proved references"):
         plot_certificates(nothing, tmp_path / "none.svg")
+
+
+def test_a_bound_below_the_error_where_nothing_is_claimed_is_told_as_such(found) -> None:
+    some = found.head(3).assign(independent=[True, False, False], below=[False, True, True])
+    some = some.assign(error=3e-15, bound=1e-15, scene=["fig2", "fig5,condition=1e6", "fig4"])
+    notes = certificates_tables(some)[0].notes
+    assert notes[0].endswith("below the error 2 times.")
+    assert notes[1].startswith("2 of these on fig4, fig5,condition=1e6, on columns")
+    assert "by 2.0e-15 of the scale at most" in notes[1]
+    assert len(certificates_tables(some.assign(independent=True))[0].notes) == 1
