@@ -55,7 +55,8 @@ campaigns: $(INSTALLED)
 
 peers: $(INSTALLED)
 	$(BIN)/python -m pip install --quiet -e '.[dev,peers]'
-	$(BIN)/glambda peers --limit 10 -o results/peers
+	$(BIN)/glambda peers --limit 5 -o results/peers \
+	  --engines glambda,pymunk,box2d,box2d3,mujoco,dart,drake
 	rm -rf reports/published/peers
 	mkdir -p reports/published/peers
 	cp results/peers/peers* reports/published/peers

@@ -253,7 +253,8 @@ def test_forms_are_compared_by_time_and_by_condition(tmp_path: Path) -> None:
     assert any("faster in form residual" in note for note in forms.notes)
     low, high = decades.data.iloc[0], decades.data.iloc[-1]
     assert low["condition"] == "1e0 to 1e1" and low["normal, verified"] == 1.0
-    assert high["normal, verified"] < 0.6 and high["residual, verified"] == 1.0
+    # every second answer of the sequence, of which the decade holds some
+    assert abs(high["normal, verified"] - 0.5) < 0.15 and high["residual, verified"] == 1.0
     answer = forms_answer(results)
     text = " ".join(answer.sentences)
     assert "residual is the fastest form of osqp" in text.replace("Residual", "residual")
