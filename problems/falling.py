@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from problems.bodies import Body, polygon_body
 from problems.contacts import HalfPlane
+from problems.random_scenes import random_polygons, scene_generator
 from problems.scenes.scene import Scene
 
 
@@ -42,17 +42,10 @@ def rain(
 
     Raises ValueError for parameters that make no sense.
     """
-    for name, value in {"gap": gap, "speed": speed, "spin": spin, "seed": seed}.items():
-        if value < 0:
-            raise ValueError(f"{name} = {value:g}; it must not be negative")
-    if bodies < 1 or columns < 1:
-        raise ValueError(f"bodies = {bodies}, columns = {columns}; there must be at least one")
-    if corners != 0 and corners < 3:
-        raise ValueError(f"corners = {corners}; it must be at least 3, or 0")
-    if not (size > 0 and 0 <= spread < 1):
-        raise ValueError(f"size = {size:g}, spread = {spread:g}; needs size > 0, 0 ≤ spread < 1")
-    rng = np.random.default_rng(seed)
-    polygons = tuple(_polygon(rng, corners, size, spread, density) for _ in range(bodies))
+    rng = scene_generator(bodies, seed, gap=gap, speed=speed, spin=spin)
+    if columns < 1:
+        raise ValueError(f"columns = {columns}; there must be at least one")
+    polygons = random_polygons(rng, bodies, corners, size, spread, density, at_random=(3, 8))
     cell = 2 * max(body.radius for body in polygons) + gap
     q0, v0 = np.empty((bodies, 3)), np.empty((bodies, 3))
     for i, body in enumerate(polygons):
@@ -74,14 +67,3 @@ def rain(
         eps=eps,
         end_time=end_time,
     )
-
-
-def _polygon(
-    rng: np.random.Generator, corners: int, size: float, spread: float, density: float
-) -> Body:
-    """A convex polygon with its corners on an ellipse, no two of them close to each other."""
-    count = corners or int(rng.integers(3, 9))
-    angle = 2 * np.pi * (np.arange(count) + 0.6 * rng.uniform(size=count)) / count
-    long = size * (1 + spread * rng.uniform(-1.0, 1.0))
-    short = long * rng.uniform(0.6, 1.0)
-    return polygon_body(np.column_stack([long * np.cos(angle), short * np.sin(angle)]), density)

@@ -24,10 +24,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from problems.bodies import Body, box, polygon_body
+from problems.bodies import Body, box
 from problems.contacts import HalfPlane
 from problems.deposition import heap_positions
 from problems.qp import Indices, Vector
+from problems.random_scenes import random_polygons, scene_generator
 from problems.scenes.scene import Scene
 
 
@@ -52,7 +53,7 @@ def tower(
     flush sides;  lean : angle [rad] by which the tower is turned clockwise about its lower right
     corner, so that it tips;  speed : greatest speed along the edges [m/s];  density [kg/m²]
     """
-    rng = _generator(bodies, seed, jitter=jitter, lean=lean, speed=speed)
+    rng = scene_generator(bodies, seed, jitter=jitter, lean=lean, speed=speed)
     if jitter >= width / 4:
         raise ValueError(f"jitter = {jitter:g}; the tower stands below width/4 = {width / 4:g}")
     q0 = np.zeros((bodies, 3))
@@ -98,7 +99,7 @@ def wall(
     not be full;  width, height of a brick, gap between two [m], 0 for flush sides;  speed :
     greatest |v_x| [m/s];  density [kg/m²]
     """
-    rng = _generator(bodies, seed, gap=gap, speed=speed)
+    rng = scene_generator(bodies, seed, gap=gap, speed=speed)
     if gap >= width / 2:
         raise ValueError(f"gap = {gap:g}; a brick lies on two below width/2 = {width / 2:g}")
     if row < 0:
@@ -145,7 +146,7 @@ def pyramid(
     The lowest course is the shortest that does; the last may not be full.  width, height of a
     brick, gap between two [m], 0 for flush sides;  speed : greatest |v_x| [m/s];  density [kg/m²]
     """
-    rng = _generator(bodies, seed, gap=gap, speed=speed)
+    rng = scene_generator(bodies, seed, gap=gap, speed=speed)
     if gap >= width / 2:
         raise ValueError(f"gap = {gap:g}; a brick lies on two below width/2 = {width / 2:g}")
     lowest = 1
@@ -190,12 +191,8 @@ def heap(
     middle of the longer axis [m];  spread : relative, of the sizes;  width between the walls [m],
     0 for about the heap's height;  speed : greatest |v_x|, |v_y| [m/s];  density [kg/m²]
     """
-    rng = _generator(bodies, seed, width=width, speed=speed)
-    if corners != 0 and corners < 3:
-        raise ValueError(f"corners = {corners}; it must be at least 3, or 0")
-    if not (size > 0 and 0 <= spread < 1):
-        raise ValueError(f"size = {size:g}, spread = {spread:g}; needs size > 0, 0 ≤ spread < 1")
-    polygons = tuple(_random_polygon(rng, corners, size, spread, density) for _ in range(bodies))
+    rng = scene_generator(bodies, seed, width=width, speed=speed)
+    polygons = random_polygons(rng, bodies, corners, size, spread, density, at_random=(4, 7))
     apart = width or size * max(4.0 * (1.0 + spread), 1.7 * float(np.sqrt(bodies)))
     q0 = heap_positions(polygons, apart, rng)
     v0 = np.zeros((bodies, 3))
@@ -217,18 +214,6 @@ def heap(
     )
 
 
-def _generator(bodies: int, seed: int, **lengths: float) -> np.random.Generator:
-    """The scene's random numbers, once its parameters are known to make sense."""
-    if bodies < 1:
-        raise ValueError(f"bodies = {bodies}; there must be at least one")
-    if seed < 0:
-        raise ValueError(f"seed = {seed}; it must not be negative")
-    for name, value in lengths.items():
-        if value < 0:
-            raise ValueError(f"{name} = {value:g}; it must not be negative")
-    return np.random.default_rng(seed)
-
-
 def _sliding(rng: np.random.Generator, courses: Indices, speed: float) -> Vector:
     """Velocities (n, 3) along the ground: even courses to the right, odd ones to the left."""
     v0 = np.zeros((len(courses), 3))
@@ -247,14 +232,3 @@ def _course(row: int, course: int, width: float, gap: float) -> list[tuple[float
         *((pitch * (i + 0.5), True) for i in range(row - 1)),
         (pitch * (row - 1) + end, False),
     ]
-
-
-def _random_polygon(
-    rng: np.random.Generator, corners: int, size: float, spread: float, density: float
-) -> Body:
-    """A convex polygon with its corners on an ellipse, no two of them close to each other."""
-    count = corners or int(rng.integers(4, 8))
-    angle = 2 * np.pi * (np.arange(count) + 0.6 * rng.uniform(size=count)) / count
-    long = size * (1 + spread * rng.uniform(-1.0, 1.0))
-    short = long * rng.uniform(0.6, 1.0)
-    return polygon_body(np.column_stack([long * np.cos(angle), short * np.sin(angle)]), density)
