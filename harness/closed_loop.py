@@ -29,10 +29,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from harness.folder_lock import sole_writer
 from harness.in_loop import EXACT, METHOD, SLOPPY, check_backend
 from harness.isolated_loops import run_isolated
 from harness.loop import Loop, LoopResult
-from harness.loop_store import load_loop, sole_writer
+from harness.loop_store import load_loop
 from harness.motion_error import Motion, PoseError, match_events, pose_error
 from harness.record import Progress
 from harness.study import PAPER_SCENES, parse_label
@@ -146,12 +147,12 @@ def close_loops(
 ) -> list[Findings]:
     """Run what is not in the folder yet, and compare.
 
-    Raises ValueError and ImportError for unknown or absent names, and StoreError where the folder
-    holds results of other code or parameters.
+    Raises ValueError and ImportError for unknown or absent names, StoreError where the folder holds
+    results of other code or parameters, and Locked where another process writes into it.
     """
     folder = Path(folder)
     campaigns = plan.campaigns()
-    with sole_writer(folder):
+    with sole_writer(folder, "loops"):
         results = {loop: load_loop(folder, loop) for campaign in campaigns for loop in campaign.all}
         missing = [loop for loop, result in results.items() if result is None]
         done = len(results) - len(missing)

@@ -9,8 +9,6 @@ metadata what was run (`Loop`), by what (versions, machine), what came of it and
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -20,13 +18,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from harness import in_loop, run_physics
-from harness.folder_lock import Locked, lock_folder
 from harness.in_loop import METHOD
 from harness.loop import Loop, LoopResult
 from harness.machine import machine_label, problems_version, solver_version, source_hash
 from harness.motion_error import Motion
 from harness.store import METADATA, StoreError
-from harness.whole_files import clear_leftovers, write_whole
+from harness.whole_files import write_whole
 from problems.qp import Vector
 from problems.run import Event
 
@@ -44,25 +41,6 @@ def made_by(loop: Loop) -> dict[str, str]:
         "harness": source_hash(own),
         "machine": machine_label(),
     }
-
-
-@contextmanager
-def sole_writer(folder: Path) -> Iterator[None]:
-    """Hold the folder, which is made if it is missing; what killed writers left is removed.
-
-    Raises StoreError where another process holds it.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        lock = lock_folder(folder)
-    except Locked as by:
-        raise StoreError(
-            f"{folder}: another campaign{f' (process {by.process})' * bool(by.process)} is "
-            "writing there; wait until it has ended, or use another results folder"
-        ) from None
-    clear_leftovers(folder / "loops")
-    yield
-    del lock
 
 
 def loop_path(folder: Path, loop: Loop) -> Path:

@@ -33,7 +33,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from harness.folder_lock import Locked, lock_folder
+from harness.folder_lock import lock_folder
 from harness.recording import Recording, RecordingError, read_recording, write_recording
 from harness.shard_file import (
     COLUMNS,
@@ -84,21 +84,14 @@ AGREE: dict[str, tuple[str, ...]] = {
 class Store:
     """A results folder that is written to, by this process alone as long as this object lives.
 
-    Raises StoreError where the folder cannot be written to, where another process is writing into
-    it, and where it holds results that today's may not be mixed with.
+    Raises StoreError where the folder cannot be written to, Locked where another process is writing
+    into it, and StoreError where it holds results that today's may not be mixed with.
     """
 
     def __init__(self, folder: str | os.PathLike[str]) -> None:
         self.folder = Path(folder)
         with self._written(self.folder):
-            self.folder.mkdir(parents=True, exist_ok=True)
-            try:
-                self._lock = lock_folder(self.folder)
-            except Locked as by:
-                raise StoreError(
-                    f"{self.folder}: another study{f' (process {by.process})' * bool(by.process)} "
-                    "is writing there; wait until it has ended, or use another results folder"
-                ) from None
+            self._lock = lock_folder(self.folder, "study")
             for part in (".", "solves", "recordings"):
                 clear_leftovers(self.folder / part)
 

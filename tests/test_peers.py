@@ -20,6 +20,7 @@ from scipy.integrate import solve_ivp
 from typer.testing import CliRunner
 
 from harness.cli import app
+from harness.folder_lock import Locked
 from harness.peers import ENGINES, OURS, describe_engine, engine_class
 from harness.peers.base import Peer, ground_boxes
 from harness.peers.campaign import Outcome, Plan, Run, run_campaign, runs_of
@@ -359,12 +360,12 @@ def test_a_folder_is_continued_and_a_damaged_run_made_anew(folder: Path) -> None
 def test_two_campaigns_do_not_share_a_folder(tmp_path: Path) -> None:
     code = (
         "import sys, pathlib; from harness.folder_lock import lock_folder\n"
-        "lock = lock_folder(pathlib.Path(sys.argv[1])); print('held', flush=True); input()"
+        "lock = lock_folder(pathlib.Path(sys.argv[1]), 'run'); print('held', flush=True); input()"
     )
     command = [sys.executable, "-c", code, str(tmp_path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
         assert other.stdout is not None and other.stdout.readline() == b"held\n"
-        with pytest.raises(ValueError, match="another campaign"):
+        with pytest.raises(Locked, match="another campaign"):
             run_campaign(Plan((FLIGHT,), (OURS,)), tmp_path)
         other.communicate(b"\n")
 

@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from harness import folder_lock, whole_files
+from harness.folder_lock import Locked
 from harness.recording import write_recording
 from harness.shard_file import summarise
 from harness.store import (
@@ -226,7 +227,7 @@ def test_one_process_writes_at_a_time_and_a_dead_one_locks_nobody_out(tmp_path: 
     holder = other_process(tmp_path)
     try:
         words = rf"another study \(process {holder.pid}\) is writing there; wait"
-        with pytest.raises(StoreError, match=words):
+        with pytest.raises(Locked, match=words):
             Store(tmp_path)
         assert len(read_results(tmp_path)) == 0  # readers need no lock
     finally:

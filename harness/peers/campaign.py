@@ -19,7 +19,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from harness.folder_lock import Locked, lock_folder
+from harness.folder_lock import sole_writer
 from harness.machine import machine_label
 from harness.peers import ENGINES, OURS, EngineInfo, describe_engine, engine_class, engine_version
 from harness.peers.tasks import DEFAULT, Task, tasks_of
@@ -88,17 +88,9 @@ def run_campaign(
     An outcome has status ("done", "failed", "crashed", "timeout" or "skipped") and reason, and if
     it is done what `harness.peers.observe.observe` returns.
 
-    Raises ValueError where another process runs a campaign into the folder.
+    Raises Locked where another process runs a campaign into the folder.
     """
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        lock = lock_folder(folder)
-    except Locked as by:
-        raise ValueError(
-            f"{folder}: another campaign{f' (process {by.process})' * bool(by.process)} is writing "
-            "there; wait until it has ended, or use another folder"
-        ) from None
     tasks = tasks_of(plan.scenes)
     engines = [info.name for info in plan.described() if info.available]
     wanted = {
@@ -106,14 +98,14 @@ def run_campaign(
     }
     total = float(sum(map(len, wanted.values())))
     done: list[tuple[Run, Outcome]] = []
-    for engine, runs in wanted.items():
-        with Worker(engine) as worker:
-            for run in runs:
-                if progress is not None:
-                    what = f"{engine}, {run.setting}, {run.swept} = {run.resolution:.2g}: "
-                    progress(what + run.task.name, float(len(done)), total)
-                done.append((run, _outcome(run, done, worker, folder, plan.limit)))
-    del lock  # held until here
+    with sole_writer(folder, "runs"):
+        for engine, runs in wanted.items():
+            with Worker(engine) as worker:
+                for run in runs:
+                    if progress is not None:
+                        what = f"{engine}, {run.setting}, {run.swept} = {run.resolution:.2g}: "
+                        progress(what + run.task.name, float(len(done)), total)
+                    done.append((run, _outcome(run, done, worker, folder, plan.limit)))
     return done
 
 
