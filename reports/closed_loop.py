@@ -34,7 +34,7 @@ from reports.closed_loop_findings import (
     metres,
     own_error,
 )
-from reports.table import Table, percent, print_tables, scientific, short, times, whole
+from reports.table import Table, percent, print_tables, scientific, short, times, whole, write_page
 
 
 def seconds(value: Any) -> str:
@@ -283,20 +283,13 @@ FIGURES = (
 def write_closed_loop(found: Sequence[Findings], folder: str | Path) -> Path:
     """Write closed_loop.md, closed_loop.csv, the figures and one CSV per table; return the page."""
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     rows = pd.concat([each.rows for each in found], ignore_index=True)
-    rows.to_csv(
-        folder / "closed_loop.csv", index=False, lineterminator="\n", float_format="%.12g"
-    )  # fmt: skip
     tables = tables_of(found)
-    for table in tables:
-        (folder / f"{table.name}.csv").write_text(table.to_csv(), encoding="utf-8")
     for name, _, plot in FIGURES:
         for suffix in (".svg", ".png"):
             plot(found, folder / f"{name}{suffix}")
     page = folder / "closed_loop.md"
-    page.write_text(_page(found, tables), encoding="utf-8")
-    return page
+    return write_page(page, _page(found, tables), tables, {"closed_loop": rows})
 
 
 def _page(found: Sequence[Findings], tables: Sequence[Table]) -> str:

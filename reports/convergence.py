@@ -16,7 +16,7 @@ from harness.peers.ours import BOUNDED
 from harness.reference_motion import BOUNDS, DROP_TOL, LATE, REFERENCE, STOCK
 from harness.stabilization import SHALLOW
 from reports.convergence_figure import plot_convergence
-from reports.table import Table, scientific, short, whole
+from reports.table import Table, scientific, short, whole, write_page
 
 OFF = 0.1
 """Distance of an exponent from 1 that is spoken of."""
@@ -260,14 +260,10 @@ def _span(ratios: pd.Series) -> str:
 def write_convergence(measured: Converged, folder: str | Path) -> Path:
     """Write convergence.md, the tables, the runs and the figure; return the page."""
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     plot_convergence(measured, folder / "convergence.png")
     tables = convergence_tables(measured)
-    for table in tables:
-        (folder / f"{table.name}.csv").write_text(table.to_csv(), encoding="utf-8")
-    measured.swept.to_csv(folder / "convergence_runs.csv", index=False, float_format="%.12g")
-    page = folder / "convergence.md"
-    page.write_text(
+    return write_page(
+        folder / "convergence.md",
         "# Error against ε, and drift\n\n"
         f"ε of (3.5) is swept with the drop threshold fixed at {DROP_TOL:g} m/s, and every motion "
         f"compared with that at ε = {REFERENCE:g}, once with h bounded by {STOCK} alone, and once "
@@ -276,6 +272,6 @@ def write_convergence(measured: Converged, folder: str | Path) -> Path:
         "stabilized by Baumgarte's rule, or projected.\n\n"
         "![Errors against ε, CPU time against error, overlap and error against τ]"
         "(convergence.png)\n\n" + "\n".join(table.to_markdown() for table in tables),
-        encoding="utf-8",
+        tables,
+        {"convergence_runs": measured.swept},
     )
-    return page

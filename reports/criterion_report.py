@@ -27,7 +27,7 @@ from reports.criterion_growth import age_table, growth_table, premise_table
 from reports.criterion_kept import kept_factors_table, kept_runs_table, plot_kept
 from reports.criterion_minimum_norm import minimum_norm_table
 from reports.criterion_sweep import costs_table, interval_table, regret_table, runs_table
-from reports.table import Table, print_tables
+from reports.table import Table, print_tables, write_page
 
 
 def tables_of(measured: Sequence[Measurement]) -> list[Table]:
@@ -71,7 +71,6 @@ def write_criterion(
 ) -> Path:
     """Write criterion.md, the figures, one CSV per table and one of every run; return the page."""
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     tables = [*tables_of(measured), *examination_tables(examination)]
     runs = [runs_table(measured)]
     figures: list[tuple[str, str, Callable[[Path], Path]]] = [
@@ -102,8 +101,4 @@ def write_criterion(
             plot(folder / f"{name}{suffix}")
         parts.append(f"![{caption}]({name}.png)\n")
     parts += [table.to_markdown() for table in tables]
-    for table in (*tables, *runs):
-        (folder / f"{table.name}.csv").write_text(table.to_csv(), encoding="utf-8")
-    page = folder / "criterion.md"
-    page.write_text("\n".join(parts), encoding="utf-8")
-    return page
+    return write_page(folder / "criterion.md", "\n".join(parts), [*tables, *runs])

@@ -37,7 +37,7 @@ from reports.style import (
     drawing,
     save,
 )
-from reports.table import Table, percent, print_tables, short, times, whole
+from reports.table import Table, percent, print_tables, short, times, whole, write_page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -298,16 +298,10 @@ def print_growth(console: Console, points: pd.DataFrame) -> None:
 def write_growth(points: pd.DataFrame, folder: str | Path) -> Path:
     """Write growth.md, growth.csv, the figure and one CSV per table; return the page."""
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     for suffix in (".svg", ".png"):
         plot_growth(points, folder / f"growth{suffix}")
-    points.to_csv(folder / "growth.csv", index=False, lineterminator="\n", float_format="%.12g")
     tables = tables_of(points)
-    for table in tables:
-        (folder / f"{table.name}.csv").write_text(table.to_csv(), encoding="utf-8")
-    page = folder / "growth.md"
-    page.write_text(_page(points, tables), encoding="utf-8")
-    return page
+    return write_page(folder / "growth.md", _page(points, tables), tables, {"growth": points})
 
 
 def _page(points: pd.DataFrame, tables: Sequence[Table]) -> str:

@@ -42,7 +42,7 @@ from reports.results import ARMS, METHOD, Results, is_method, load_results
 from reports.spread import spread_table
 from reports.starts import plot_starts, starts_answer, starts_tables
 from reports.style import inline_figure
-from reports.table import Table
+from reports.table import Table, write_text
 from reports.tables import (
     accuracy_table,
     cost_table,
@@ -70,12 +70,7 @@ def write_report(results_dir: str | Path, out_dir: str | Path) -> Path:
 
 def report(results: Results, out: Path) -> Path:
     """Write the report of results that were read already."""
-    writer = _Writer(results, out)
-    page = writer.page()
-    out.mkdir(parents=True, exist_ok=True)
-    path = out / "index.html"
-    path.write_text(page, encoding="utf-8")
-    return path
+    return write_text(out / "index.html", _Writer(results, out).page())
 
 
 class _Writer:
@@ -85,13 +80,11 @@ class _Writer:
         self.results = results
         self.tables = out / "tables"
         self.figures = out / "figures"
-        for folder in (self.tables, self.figures):
-            folder.mkdir(parents=True, exist_ok=True)
 
     def table(self, table: Table) -> dict[str, Any]:
         """Write a table as Markdown and CSV; returns what the template needs."""
-        (self.tables / f"{table.name}.md").write_text(table.to_markdown(), encoding="utf-8")
-        (self.tables / f"{table.name}.csv").write_text(table.to_csv(), encoding="utf-8")
+        write_text(self.tables / f"{table.name}.md", table.to_markdown())
+        write_text(self.tables / f"{table.name}.csv", table.to_csv())
         return table_context(table)
 
     def figure(self, name: str, caption: str, draw: Callable[[Path], Any]) -> dict[str, str]:

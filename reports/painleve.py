@@ -15,7 +15,7 @@ import pandas as pd
 from harness.painleve import Approach, Caught, Painleve
 from harness.slide import growth
 from reports.painleve_figure import LOOSE, TIGHT, plot_painleve
-from reports.table import Table, scientific, short, whole
+from reports.table import Table, scientific, short, whole, write_page
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -261,13 +261,10 @@ def approach_table(approaches: Sequence[Approach]) -> Table:
 def write_painleve(measured: Painleve, folder: str | Path) -> Path:
     """Write painleve.md, the tables and the figure; return the page."""
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     plot_painleve(measured, folder / "painleve.png")
     tables = painleve_tables(measured)
-    for table in tables:
-        (folder / f"{table.name}.csv").write_text(table.to_csv(), encoding="utf-8")
-    page = folder / "painleve.md"
-    page.write_text(
+    return write_page(
+        folder / "painleve.md",
         "# Painlevé's rod\n\n"
         "A rod is pushed ahead on its lower end. Friction presses that end into the ground with "
         "the gain γ: for γ < 1 one motion exists; for γ > 1 none where B < 0, and two where B > 0, "
@@ -276,6 +273,5 @@ def write_painleve(measured: Painleve, folder: str | Path) -> Path:
         "solution (§4.2). That is so; what λ does over a fixed time is another matter.\n\n"
         "![The first step, growth per step, slip in fixed steps, ways to γ = 1](painleve.png)\n\n"
         + "\n".join(table.to_markdown() for table in tables),
-        encoding="utf-8",
+        tables,
     )
-    return page

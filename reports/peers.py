@@ -32,7 +32,7 @@ from reports.style import (
     drawing,
     save,
 )  # fmt: skip
-from reports.table import print_tables
+from reports.table import print_tables, write_page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -100,15 +100,11 @@ def print_peers(console: Console, rows: pd.DataFrame, engines: Sequence[EngineIn
 def write_peers(rows: pd.DataFrame, engines: Sequence[EngineInfo], folder: str | Path) -> Path:
     """Write peers.md, peers.csv, the figure and one CSV per table; return the page."""
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    rows.to_csv(folder / "peers.csv", index=False, lineterminator="\n", float_format="%.12g")
     drawn = len(compared(rows)) > 0
     if drawn:
         for suffix in (".svg", ".png"):
             plot_peers(rows, folder / f"peers{suffix}")
     tables = tables_of(rows, engines)
-    for table in tables:
-        (folder / f"{table.name}.csv").write_text(table.to_csv(), encoding="utf-8")
     figure = "![Error of the pose against CPU time, engine by engine](peers.png)\n"
     figure += "\n*Lines join the runs of an engine that none of its others beats; dots are all of "
     figure += "its runs. Shaded: below the reference's own error.*\n"
@@ -118,9 +114,7 @@ def write_peers(rows: pd.DataFrame, engines: Sequence[EngineInfo], folder: str |
         *([figure] if drawn else []),
         *(table.to_markdown() for table in tables),
     ]
-    page = folder / "peers.md"
-    page.write_text("\n".join(parts), encoding="utf-8")
-    return page
+    return write_page(folder / "peers.md", "\n".join(parts), tables, {"peers": rows})
 
 
 def _introduction() -> str:

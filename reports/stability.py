@@ -25,7 +25,7 @@ from reports.style import (
     drawing,
     save,
 )
-from reports.table import Table, scientific, short, whole
+from reports.table import Table, scientific, short, whole, write_page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -126,17 +126,15 @@ def write_stability(
 ) -> Path:
     """Write stability.md, the table and the figure; return the page."""
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     plot_stability(checked, corners, folder / "stability.png")
     table = runs_table(checked)
-    (folder / f"{table.name}.csv").write_text(table.to_csv(), encoding="utf-8")
     linear = ", ".join(
         f"r = {run.order}, K = {run.K:g}: {run.size[run.steps // 2]:.0f} after {run.steps // 2} "
         f"steps, {run.size[-1]:.0f} after {run.steps}"
         for run in corners
     )
-    page = folder / "stability.md"
-    page.write_text(
+    return write_page(
+        folder / "stability.md",
         "# Stability of the compound methods\n\n"
         "On ü + d u̇ + k u = 0 (3.6) with constant steps, D = h d and K = h² k, (AB-1, BDF-1) is "
         "stable for 0 ≤ K ≤ 4 + 2D and (AB-2, BDF-2) for 0 ≤ K ≤ 4 + D, D ≥ 0: figure 1 of the "
@@ -146,6 +144,5 @@ def write_stability(
         "passes. Squares: corners with a double root of size 1.\n\n"
         "![Stability regions](stability.png)\n\n"
         f"At the corners runs grow linearly: {linear}.\n\n" + table.to_markdown(),
-        encoding="utf-8",
+        [table],
     )
-    return page

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -63,7 +64,7 @@ class Table:
 
     def to_csv(self) -> str:
         """The numbers as measured, one header line."""
-        return self.data.to_csv(index=False, lineterminator="\n", float_format="%.12g")
+        return csv_text(self.data)
 
 
 def print_tables(console: Console, tables: Iterable[Table]) -> None:
@@ -75,6 +76,32 @@ def print_tables(console: Console, tables: Iterable[Table]) -> None:
         for note in table.notes:
             console.print(Text(f"  {note}"))
         console.print()
+
+
+def csv_text(data: pd.DataFrame) -> str:
+    """Numbers to twelve digits under one header line."""
+    return data.to_csv(index=False, lineterminator="\n", float_format="%.12g")
+
+
+def write_text(path: Path, text: str) -> Path:
+    """Write a file of a report, and its folder if that is missing; return its path."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def write_page(
+    page: Path, text: str, tables: Iterable[Table], rows: Mapping[str, pd.DataFrame] | None = None
+) -> Path:
+    """Write a page in Markdown, and beside it CSV files of its tables; return the page.
+
+    rows : what was measured, by file name, written as it is
+    """
+    for table in tables:
+        write_text(page.with_name(f"{table.name}.csv"), table.to_csv())
+    for name, data in (rows or {}).items():
+        write_text(page.with_name(f"{name}.csv"), csv_text(data))
+    return write_text(page, text)
 
 
 def _unknown(value: Any) -> bool:
