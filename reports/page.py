@@ -35,13 +35,13 @@ from reports.figures import plot_accuracy, plot_cost, plot_profiles
 from reports.findings import Answer, how_accurate, join, warm_start_worth, which_method
 from reports.forms import form_rows, forms_answer, forms_tables, plot_forms
 from reports.frames import plot_scene
+from reports.page_figures import PageFigures
 from reports.pareto import ALL, pareto_answer, pareto_tables, plot_pareto, sweep_rows
 from reports.physics import physics_table
 from reports.protocol import protocol, recordings_table, reproduce, versions_table
 from reports.results import ARMS, METHOD, Results, is_method, load_results
 from reports.spread import spread_table
 from reports.starts import plot_starts, starts_answer, starts_tables
-from reports.style import inline_figure
 from reports.table import Table, write_text
 from reports.tables import (
     accuracy_table,
@@ -80,6 +80,7 @@ class _Writer:
         self.results = results
         self.tables = out / "tables"
         self.figures = out / "figures"
+        self.drawn = PageFigures()
 
     def table(self, table: Table) -> dict[str, Any]:
         """Write a table as Markdown and CSV; returns what the template needs."""
@@ -92,7 +93,7 @@ class _Writer:
         name = slug(name)
         for suffix in (".svg", ".png"):
             draw(self.figures / (name + suffix))
-        return {"markup": inline_figure(self.figures / name, caption), "caption": caption}
+        return {"markup": self.drawn.add(self.figures / name, caption), "caption": caption}
 
     def page(self) -> str:
         """The whole page as text."""
@@ -110,10 +111,11 @@ class _Writer:
         for entry in _figures_in(context):
             entry["markup"] = Markup(entry["markup"])
         environment.filters["prose"] = prose
-        style = environment.get_template("page.css").render()
-        return (
-            environment.get_template("page.html.j2").render(style=Markup(style), **context) + "\n"
+        style = environment.get_template("page.css").render() + "\n" + self.drawn.styles
+        page = environment.get_template("page.html.j2").render(
+            style=Markup(style), outlines=Markup(self.drawn.outlines), **context
         )
+        return page + "\n"
 
     def context(self) -> dict[str, Any]:
         """Everything that the template shows."""
@@ -333,7 +335,7 @@ def table_context(table: Table) -> dict[str, Any]:
 
 
 def _classes(table: Table, column: dict[str, Any], index: int, text: str) -> str:
-    names = ["n"] if column["numeric"] else []
+    names = [] if column["numeric"] else ["t"]
     if len(text) > LONG:
         names.append("long")
     value = table.data[column["name"]].iloc[index]
