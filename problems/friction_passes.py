@@ -16,7 +16,7 @@ There may be no fixed point.  With the signs s given, a gain that passes 1 leave
 without any λ that meets both laws, at whatever h (Painlevé 1895).  With all contacts in J_FO,
 bounded in both directions, there always is one, because λ_N(λ_*) is then continuous and bounded:
 contacts catch, λ grows as 1/h and q̇ jumps.  Newton's method finds it from λ_* = ∞, where everything
-sticks.
+sticks, if it is not believed where it calls for λ < 0: between ∞ and there, contacts may catch.
 """
 
 from __future__ import annotations
@@ -42,8 +42,12 @@ def newton_multipliers(
     lam_N: Vector,
     lam_F: Vector,
     v: Vector,
+    from_above: bool = False,
 ) -> Vector:
-    """λ_* (N,) ≥ 0 of the next pass, from the one used and the λ_N, λ_F and q̇ that came of it."""
+    """λ_* (N,) ≥ 0 of the next pass, from the one used and the λ_N, λ_F and q̇ that came of it.
+
+    from_above : whether the passes began with λ_* = ∞
+    """
     sigma = forced_signs(signs, lam_F, assembly.bound(lam_star), assembly.slip_speed(v))
     normals = np.flatnonzero(lam_N > 0)
     inside = np.flatnonzero((signs == 0) & (sigma == 0))
@@ -57,8 +61,9 @@ def newton_multipliers(
         return lam_N
     fixed_point = lam_N.copy()
     fixed_point[normals] += y[: normals.size]
-    # one below 0 that λ_N falls towards is a contact without a load; one that it rises from is none
-    missing = (fixed_point < -AT_BOUND * fixed_point.max()) & (lam_N > lam_star)
+    # one below 0 that λ_N falls towards is a contact without a load; one that it rises from is
+    # none, and on the way down from ∞ either may be
+    missing = (fixed_point < -AT_BOUND * fixed_point.max()) & ((lam_N > lam_star) | from_above)
     return lam_N if missing.any() else np.maximum(0.0, fixed_point)
 
 

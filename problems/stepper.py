@@ -25,7 +25,7 @@ This differs from the paper, because the text leaves it open or the rule fails a
  6. corrected friction, see `problems.friction`;
  7. jamming: sliding forces s μ λ with s kept may feed back on λ with a gain ≥ 1, and then no λ
     meets both laws at any h (Painlevé).  Where the passes have failed for `JAM_TRIALS` lengths,
-    the integration restarts at t_{n−1} with a short step in which every contact may stick: some
+    the integration restarts at t_{n−1} with a short step in which every contact may stick: if some
     catch, q̇ jumps, and it restarts once more.  Gains ≥ 1 are events, see `problems.gain`.
 """
 
@@ -63,6 +63,8 @@ MAX_TRIES = 60
 """Trials of one step before the simulation gives up."""
 PENETRATION_TOL = 1e-7
 """Initial overlap of two parts that is still taken for contact [m]."""
+STOP_TRIALS = 8
+"""Trials of a step by interpolation for where contacts stop; then it is halved: q̇ may jump."""
 JAM_TRIALS = 2
 """Trials of a step in which the friction passes may fail to settle before contacts jam."""
 JAM_STEP = 1e-4
@@ -171,7 +173,7 @@ class Stepper(Transitions):
         known = self.lam_known
         h_full = self._step_length()
         h = min(h_full, min([*self.scheduled(), end]) - self.t)
-        unsettled = redone = 0
+        unsettled = redone = stops = 0
         for _ in range(MAX_TRIES):
             arrival, hits, losses = look_ahead(self.graph, path, h, self.slowest_approach)
             if hits or losses:
@@ -208,7 +210,8 @@ class Stepper(Transitions):
                 self._stick([here.frictions[j] for j in np.flatnonzero(lengths <= h_stick)])
                 return
             if h_stick < h * (1 - 1e-6):
-                h = h_stick
+                stops += 1
+                h = h_stick if stops < STOP_TRIALS else min(h_stick, h / 2)
                 self._reject()
                 continue
             self._accept(step, arrival, h_full)

@@ -123,7 +123,10 @@ class Transitions(System):
         self._restart(1)
 
     def _jam(self, step: VelocityStep) -> None:
-        """After a step in which every contact could stick: which do, and the jump in q̇."""
+        """After a step in which every contact could stick: which do, and the jump in q̇.
+
+        Where all slide on there was a λ that the passes had not found, and nothing has jumped.
+        """
         caught = []
         for friction, speed, bound in zip(
             step.assembly.frictions, step.slip_speed, step.at_bound, strict=True
@@ -132,8 +135,9 @@ class Transitions(System):
             if friction.sign != 0 and not slides_on:
                 caught.append(self._contact_name(friction.contact))
             friction.sign = -int(np.sign(speed)) if slides_on else 0
-        self._log("jam", "; ".join(caught))
-        self._restart(0)
+        if caught:
+            self._log("jam", "; ".join(caught))
+            self._restart(0)
 
     def _watch_gain(self, step: VelocityStep, signs: Vector) -> None:
         """Report a friction gain γ ≥ 1, once per episode."""

@@ -40,6 +40,10 @@ from problems.sequence import QPSequence
 from problems.step_kernels import momentum, outcome, weighted_norm
 
 MAX_PASSES = 12
+STUCK_PASSES = 60
+"""Passes from λ_* = ∞: where contacts catch they come down to it by halves."""
+STUCK_TOL = 1e-3
+"""… and the relative change of the friction forces at which they end: short steps forgive any λ."""
 FIRST_RATE = 0.5
 """ρ assumed until two passes have shown it."""
 NOTHING = np.zeros(0)
@@ -127,7 +131,8 @@ class VelocityEquations:
             lean = self._lean(A, assembly, layout)
             b = b - alpha0 * lean
         change_before = np.inf
-        for number in range(1, MAX_PASSES + 1):
+        stuck, loose = known == STUCK, False
+        for number in range(1, (STUCK_PASSES if stuck else MAX_PASSES) + 1):
             pushed = self.forces(q, guess, t)
             if rubs:
                 bound = assembly.bound(lam_star)
@@ -180,16 +185,21 @@ class VelocityEquations:
             if correct:
                 new_bound = assembly.bound(lam_N)
                 moved = force_change(signs, lam_F, bound, new_bound)
-                change += h / alpha0 * self.norm(assembly.friction_force(moved) / D**2)
+                off = self.norm(assembly.friction_force(moved) / D**2)
+                change += h / alpha0 * off
+                if stuck:
+                    rubbing = self.norm(assembly.friction_force(step.lam_F) / D**2)
+                    loose = off > STUCK_TOL * rubbing
             rate = change / change_before if number > 1 and change_before > 0 else FIRST_RATE
             # without friction the fixed point is a contraction or the step is too long
-            if rate < 1 and (rate * change + h / alpha0 * eps0) / (1 - rate) <= 0.1 * self.eps:
+            close = rate < 1 and (rate * change + h / alpha0 * eps0) / (1 - rate) <= 0.1 * self.eps
+            if close and not loose:
                 return step
             if number > 2 and rate >= 1 and not correct:
                 break
             guess, change_before = v, change
             if correct:
-                lam_star = newton_multipliers(assembly, D, signs, lam_star, lam_N, lam_F, v)
+                lam_star = newton_multipliers(assembly, D, signs, lam_star, lam_N, lam_F, v, stuck)
         return step._replace(settled=False)
 
     def _lean(self, A: Matrix, assembly: Assembly, layout: Layout) -> Vector:

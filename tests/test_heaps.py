@@ -46,6 +46,16 @@ def test_a_heap_ends_well(number):
     assert outcome.impulses > 0
 
 
+def test_jams_catch_contacts():
+    """Bodies wedged under gains of 1.8: each jam names what has caught, and the run gets on."""
+    made = case(0, 1)
+    run = simulate(scene(made.scene, **made.parameters), lotstedt(), until=0.9, keep_qps=False)
+    jams = [event for event in run.event_log if event.kind == "jam"]
+    assert 0 < len(jams) < 20
+    assert all("body" in jam.detail for jam in jams)
+    assert run.counts["steps"] < 1000
+
+
 def test_a_case_is_the_same_again_from_its_file(tmp_path):
     made = case(0, 5)
     small = Case(made.scene, {**made.parameters, "bodies": 5, "end_time": 0.5}, {"eps": 2e-3})
