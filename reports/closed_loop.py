@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ from reports.closed_loop_findings import (
     metres,
     own_error,
 )
+from reports.style import draw_files
 from reports.table import Table, percent, print_tables, scientific, short, times, whole, write_page
 
 
@@ -286,8 +288,7 @@ def write_closed_loop(found: Sequence[Findings], folder: str | Path) -> Path:
     rows = pd.concat([each.rows for each in found], ignore_index=True)
     tables = tables_of(found)
     for name, _, plot in FIGURES:
-        for suffix in (".svg", ".png"):
-            plot(found, folder / f"{name}{suffix}")
+        draw_files(partial(plot, found), folder / name)
     page = folder / "closed_loop.md"
     return write_page(page, _page(found, tables), tables, {"closed_loop": rows})
 

@@ -27,6 +27,7 @@ from reports.criterion_growth import age_table, growth_table, premise_table
 from reports.criterion_kept import kept_factors_table, kept_runs_table, plot_kept
 from reports.criterion_minimum_norm import minimum_norm_table
 from reports.criterion_sweep import costs_table, interval_table, regret_table, runs_table
+from reports.style import draw_files
 from reports.table import Table, print_tables, write_page
 
 
@@ -97,8 +98,7 @@ def write_criterion(
         )
     parts = ["# When to refactorize\n"]
     for name, caption, plot in figures:
-        for suffix in (".svg", ".png"):
-            plot(folder / f"{name}{suffix}")
+        draw_files(plot, folder / name)
         parts.append(f"![{caption}]({name}.png)\n")
     parts += [table.to_markdown() for table in tables]
     return write_page(folder / "criterion.md", "\n".join(parts), [*tables, *runs])

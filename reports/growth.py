@@ -13,6 +13,7 @@ points as growth.csv.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,6 +35,7 @@ from reports.style import (
     SOFT,
     VERMILLION,
     YELLOW,
+    draw_files,
     drawing,
     save,
 )
@@ -298,8 +300,7 @@ def print_growth(console: Console, points: pd.DataFrame) -> None:
 def write_growth(points: pd.DataFrame, folder: str | Path) -> Path:
     """Write growth.md, growth.csv, the figure and one CSV per table; return the page."""
     folder = Path(folder)
-    for suffix in (".svg", ".png"):
-        plot_growth(points, folder / f"growth{suffix}")
+    draw_files(partial(plot_growth, points), folder / "growth")
     tables = tables_of(points)
     return write_page(folder / "growth.md", _page(points, tables), tables, {"growth": points})
 

@@ -42,6 +42,7 @@ from reports.protocol import protocol, recordings_table, reproduce, versions_tab
 from reports.results import ARMS, METHOD, Results, is_method, load_results
 from reports.spread import spread_table
 from reports.starts import plot_starts, starts_answer, starts_tables
+from reports.style import draw_files
 from reports.table import Table, write_text
 from reports.tables import (
     accuracy_table,
@@ -91,8 +92,7 @@ class _Writer:
     def figure(self, name: str, caption: str, draw: Callable[[Path], Any]) -> dict[str, str]:
         """Draw a figure as SVG and PNG; returns what the template needs."""
         name = slug(name)
-        for suffix in (".svg", ".png"):
-            draw(self.figures / (name + suffix))
+        draw_files(draw, self.figures / name)
         return {"markup": self.drawn.add(self.figures / name, caption), "caption": caption}
 
     def page(self) -> str:

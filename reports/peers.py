@@ -7,6 +7,7 @@ panel for each motion; one page, peers.md; every run as peers.csv.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,6 +30,7 @@ from reports.style import (
     SOFT,
     VERMILLION,
     YELLOW,
+    draw_files,
     drawing,
     save,
 )  # fmt: skip
@@ -102,8 +104,7 @@ def write_peers(rows: pd.DataFrame, engines: Sequence[EngineInfo], folder: str |
     folder = Path(folder)
     drawn = len(compared(rows)) > 0
     if drawn:
-        for suffix in (".svg", ".png"):
-            plot_peers(rows, folder / f"peers{suffix}")
+        draw_files(partial(plot_peers, rows), folder / "peers")
     tables = tables_of(rows, engines)
     figure = "![Error of the pose against CPU time, engine by engine](peers.png)\n"
     figure += "\n*Lines join the runs of an engine that none of its others beats; dots are all of "

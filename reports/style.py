@@ -7,7 +7,7 @@ replaces by its own colours, so that one file serves a light and a dark page.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -99,6 +99,12 @@ def save(figure: Figure, path: Path) -> Path:
     }
     figure.savefig(path, dpi=DPI, **undated.get(path.suffix, {"facecolor": PAPER}))
     return path
+
+
+def draw_files(draw: Callable[[Path], Any], stem: Path) -> None:
+    """Draw a figure twice, into `stem`.svg and `stem`.png; `draw` is told where."""
+    for suffix in (".svg", ".png"):
+        draw(stem.with_name(stem.name + suffix))
 
 
 def _save_painted(figure: Figure, path: Path) -> None:
