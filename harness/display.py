@@ -151,7 +151,7 @@ def print_run(console: Console, run: Any) -> None:
         table(
             "",
             tuple(f">{name}" for name in names),
-            ([int(row[0]), *(f"{v:.4f}" for v in row[1:])] for row in last[names].to_numpy()),
+            ([int(row[0]), *(f"{v:z.4f}" for v in row[1:])] for row in last[names].to_numpy()),
         )
     )
 
