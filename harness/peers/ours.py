@@ -1,7 +1,7 @@
 """This project's stepper, with the paper's method in the loop, measured as its peers are.
 
 It chooses its steps for an ε; its states between them are had by cubic interpolation.  What it
-takes to build the scene is measured by a run of no steps and not counted, as with the peers.
+takes to build the scene is measured by runs of no steps and not counted, as with the peers.
 Impacts are Newton's and Coulomb's with the friction coefficient of the scene, as the peers' are,
 not the paper's.
 """
@@ -23,6 +23,8 @@ from solvers import make_solver
 
 NO_TIME = 1e-9
 """A run that ends here takes no step [s]."""
+BUILDS = 3
+"""Such runs, the shortest of which counts: one that is disturbed outlasts a short motion."""
 FIRST_STEP, LARGEST_STEP = 1e-3, 0.02
 """Stock bounds of the step [s]."""
 SHARE, LARGEST_BOUND = 0.3, 0.05
@@ -55,7 +57,7 @@ class Glambda(Peer):
         )
 
     def run(self, times: Sequence[float]) -> Motion:
-        building, _ = self._timed(NO_TIME)
+        building = min(self._timed(NO_TIME)[0] for _ in range(BUILDS))
         spent, run = self._timed(times[-1])
         q, v = interpolate(run, times)
         return Motion(q, v, spent - building, run.counts["steps"])
