@@ -10,7 +10,8 @@ g_Nᵀq̇₊ = μ_I |g_Fᵀq̇₊|.  The paper says that models differ by O(1) a
 its simplicity.  Where contacts stick, and without friction, both are the same.
 
 It is the fixed point of `problems.friction_passes` with h = α₀ = 1, all contacts bounded by
-± μ_I Σ Λ_*, from Λ_* = ∞.  Energy may grow at a contact that reverses its slip (4.12).
+± μ_I Σ Λ_*, from Λ_* = ∞; where the passes cycle, `problems.coulomb_lcp` finds it.  Energy may grow
+at a contact that reverses its slip (4.12).
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import copy
 import numpy as np
 
 from problems.assembly import Assembly, scaled_matrix
+from problems.coulomb_lcp import coulomb_multipliers
 from problems.friction import coulomb_rows
 from problems.friction_kernels import force_change
 from problems.friction_passes import newton_multipliers
@@ -27,7 +29,8 @@ from problems.minimum_norm import minimum_norm
 from problems.qp import Vector
 from problems.sequence import QPSequence, SimulationError
 
-MAX_PASSES = 50
+MAX_PASSES = 25
+"""Passes before the LCP is asked, and after it."""
 SETTLED = 1e-9
 """Change of q̇₊ by another pass, relative to ‖q̇₋‖_M, at which the passes end."""
 
@@ -57,12 +60,13 @@ def newton_coulomb_impulse(
     coulomb = coulomb_rows(hit, layout)
     size = max(1.0, float(np.linalg.norm(D * v)))
     lam_star = np.full(len(hit.normals), np.inf)
-    for _ in range(MAX_PASSES):
+    d = D * v + F / D
+    for number in range(1, 2 * MAX_PASSES + 1):
         bound = hit.bound(lam_star)
         lower, upper = layout.limits(bound)
         qp, solution = qps.solve(
             A=A,
-            d=D * v + F / D,
+            d=d,
             lower=lower,
             upper=upper,
             row_id=layout.row_id,
@@ -78,8 +82,11 @@ def newton_coulomb_impulse(
         change = force_change(signs, lam_F, bound, hit.bound(lam_N))
         if np.linalg.norm(hit.friction_force(change) / D) <= SETTLED * size:
             return after, np.concatenate([lam_N, lam_F])
-        lam_star = newton_multipliers(hit, D, signs, lam_star, lam_N, lam_F, after)
+        found = coulomb_multipliers(hit, D, d) if number == MAX_PASSES else None
+        if found is None:
+            found = newton_multipliers(hit, D, signs, lam_star, lam_N, lam_F, after)
+        lam_star = found
     raise SimulationError(
         f"t = {t:.6g}: Newton–Coulomb impulses of {len(hit.normals)} contacts did not settle "
-        f'in {MAX_PASSES} passes; use the paper\'s model, impulses="paper"'
+        f'in {2 * MAX_PASSES} passes; use the paper\'s model, impulses="paper"'
     )

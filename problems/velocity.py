@@ -23,6 +23,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from problems.assembly import Assembly, scaled_matrix
+from problems.coulomb_lcp import coulomb_multipliers
 from problems.drift import correction
 from problems.friction import (
     FrictionRule,
@@ -41,7 +42,8 @@ from problems.step_kernels import momentum, outcome, weighted_norm
 
 MAX_PASSES = 12
 STUCK_PASSES = 60
-"""Passes from λ_* = ∞: where contacts catch they come down to it by halves."""
+"""Passes from λ_* = ∞: where contacts catch they come down to it by halves.  After `MAX_PASSES` of
+them the LCP is asked, where it is not too large."""
 STUCK_TOL = 1e-3
 """… and the relative change of the friction forces at which they end: short steps forgive any λ."""
 FIRST_RATE = 0.5
@@ -199,7 +201,12 @@ class VelocityEquations:
                 break
             guess, change_before = v, change
             if correct:
-                lam_star = newton_multipliers(assembly, D, signs, lam_star, lam_N, lam_F, v, stuck)
+                found = None
+                if stuck and number == MAX_PASSES:
+                    found = coulomb_multipliers(assembly, D, d)
+                if found is None:
+                    found = newton_multipliers(assembly, D, signs, lam_star, lam_N, lam_F, v, stuck)
+                lam_star = found
         return step._replace(settled=False)
 
     def _lean(self, A: Matrix, assembly: Assembly, layout: Layout) -> Vector:

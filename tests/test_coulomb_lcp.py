@@ -1,0 +1,92 @@
+"""Coulomb's law as a linear complementarity problem, by Lemke's method."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from benchmarks.heaps import case
+from problems import newton_coulomb, scene, simulate
+from problems.coulomb_lcp import coulomb_multipliers, lemke
+from solvers import make_solver
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 12), st.integers(0, 12), st.booleans())
+def test_lemke_solves_what_a_positive_semidefinite_matrix_has_a_solution_for(
+    seed, n, rank, degenerate
+):
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((rank, n))
+    M = A.T @ A
+    z, w = np.zeros(n), np.zeros(n)
+    free = rng.integers(0, 2, n).astype(bool)
+    z[free], w[~free] = rng.random(free.sum()), rng.random((~free).sum())
+    if degenerate:
+        z[rng.integers(n)] = w[rng.integers(n)] = 0.0
+    q = w - M @ z
+    found = lemke(M, q)
+    assert found is not None
+    answer = M @ found + q
+    scale = 1 + np.abs(M).sum()
+    assert found.min() >= 0 and answer.min() >= -1e-9 * scale
+    assert abs(found @ answer) <= 1e-9 * scale * (1 + found.sum())
+
+
+def test_lemke_says_where_there_is_no_solution():
+    assert lemke(-np.eye(2), np.array([-1.0, 1.0])) is None
+    assert lemke(np.zeros((1, 1)), np.array([-1.0])) is None
+    assert lemke(np.eye(2), np.zeros(2)).tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(("number", "end"), [(7, 1.12), (27, 0.96)])
+def test_impulses_whose_passes_cycle_meet_both_laws(number, end, monkeypatch):
+    """Collisions of a heap at which the fixed-point passes wander between working sets."""
+    asked = []
+
+    def look(hit, D, d):
+        lam_N = coulomb_multipliers(hit, D, d)
+        asked.append((hit, D, d, lam_N))
+        return lam_N
+
+    monkeypatch.setattr(newton_coulomb, "coulomb_multipliers", look)
+    made = case(3, number)
+    heap = {**made.parameters, "mu_I": made.parameters["mu"], "bodies": 6 + number % 8}
+    run = simulate(
+        scene("rain", **heap),
+        make_solver("lotstedt"),
+        until=end,
+        impulses="newton_coulomb",
+        keep_qps=False,
+    )
+    assert run.t[-1] == pytest.approx(end)
+    hard = [found for found in asked if found[3] is not None]
+    assert hard
+    impulses = [event.t for event in run.event_log if event.kind == "impulse"]
+    assert len(impulses) == run.counts["impulses"]
+    for hit, D, d, lam_N in hard:
+        every = np.arange(len(hit.normals))
+        rubs = np.arange(len(hit.frictions))
+        normal = np.asarray(hit.scaled(every, every[:0], D))
+        tangent = np.asarray(hit.scaled(every[:0], rubs, D))
+        bound = hit.bound(lam_N)
+        lam_F = _resisting(normal @ lam_N + d, tangent, bound)
+        u = normal @ lam_N + tangent @ lam_F + d
+        size = np.linalg.norm(d)
+        gap = normal.T @ u
+        assert gap.min() >= -1e-7 * size
+        assert abs(gap @ lam_N) <= 1e-7 * size * (1 + lam_N.sum())
+
+
+def _resisting(d, tangent, bound):
+    """λ_F in ± bound that minimises ‖tangent λ_F + d‖²."""
+    from scipy.optimize import lsq_linear
+
+    sliding = bound > 0
+    lam_F = np.zeros(bound.size)
+    if sliding.any():
+        box = -bound[sliding], bound[sliding]
+        lam_F[sliding] = lsq_linear(tangent[:, sliding], -d, box, tol=1e-14).x
+    return lam_F
