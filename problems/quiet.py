@@ -119,9 +119,8 @@ def quiet_solver(stepper: System) -> TakesQuietSteps | None:
     """The solver of a simulation, if quiet steps may be left to it."""
     solver = stepper.qps.solver
     able = hasattr(solver, "take_quiet_steps") and not stepper.qps.keep
-    able &= stepper.options.drift == "none"
-    constant = all(getattr(force, "constant", False) for force in stepper.forces)
-    return solver if able and constant else None  # type: ignore[return-value]
+    able &= stepper.options.drift == "none" and not stepper.varying
+    return solver if able else None  # type: ignore[return-value]
 
 
 def take_quiet_steps(stepper: System, solver: TakesQuietSteps, end: float) -> bool:

@@ -26,7 +26,10 @@ from problems.velocity import NOTHING, VelocityEquations, VelocityStep
 
 
 class System:
-    """State, forces, constraint graph and records of one simulation; see `problems.stepper`."""
+    """State, forces, constraint graph and records of one simulation; see `problems.stepper`.
+
+    varying : the forces that are not constant between their jumps
+    """
 
     def __init__(
         self, scene: Scene, solver: SolvesQPs, options: StepperOptions, keep_qps: bool = True
@@ -36,9 +39,11 @@ class System:
         self.D.setflags(write=False)
         self.graph = ConstraintGraph(Geometry(scene.bodies, scene.ground), scene.mu_between)
         self.qps = QPSequence(solver, keep_qps)
-        self.forces = forces = scene.all_forces()
-        self._steady = [force for force in forces if getattr(force, "constant", False)]
-        self._varying = [force for force in forces if not getattr(force, "constant", False)]
+        forces = scene.all_forces()
+        self._steady: list[Force] = []
+        self.varying: list[Force] = []
+        for force in forces:
+            (self._steady if getattr(force, "constant", False) else self.varying).append(force)
         self._jumps = sorted({time for force in forces for time in force.jumps})
         self._constant: dict[int, Vector] = {}
         self._impulses = sorted(scene.impulses, key=lambda impulse: (impulse.t, impulse.body))
@@ -72,7 +77,7 @@ class System:
         if interval not in self._constant:
             self._constant[interval] = _sum_of(self._steady, q, v, t, np.zeros_like(q))
         constant = self._constant[interval]
-        return _sum_of(self._varying, q, v, t, constant.copy()) if self._varying else constant
+        return _sum_of(self.varying, q, v, t, constant.copy()) if self.varying else constant
 
     def finish(self) -> Run:
         """Everything that the simulation left behind."""
