@@ -12,12 +12,16 @@ AB-2 is a polynomial of degree 2 in h, so events of position are located without
 This differs from the paper: 1. the formulas and the error constants of (3.5) are those of variable
 steps, because the paper prints none; 2. growth is limited to `GROWTH`, below the 1 + √2 at which
 BDF-2 loses zero-stability, and h to `h_max`, because in free fall the estimate of AB-2 is 0.
+
+The functions of numbers alone are also compiled, into `solvers.active_set.quiet_steps`; so they
+call nothing that is not.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import inf, sqrt
 
 import numpy as np
 
@@ -33,6 +37,8 @@ SHORTEST_STEP = 1e-9
 """Steps shorter than this are not taken: an event there happens at t_{n−1} [s]."""
 SAFETY = 0.9
 """Fraction of the step that (3.5) would allow."""
+FIRST_RATE = 0.5
+"""ρ of (3.14) that is assumed until two passes have shown it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +99,8 @@ class History:
         """α₀ and b_n = −Σ_{i≥1} α_i q̇_{n−i} of BDF-r with step h (3.1b)."""
         if self.order == 1:
             return 1.0, self.v
-        w = h / self.h
-        return (1 + 2 * w) / (1 + w), (1 + w) * self.v - w * w / (1 + w) * self.v_before
+        alpha0, newest, before = second_order_bdf(h / self.h)
+        return alpha0, newest * self.v - before * self.v_before
 
     def predict(self, h: float) -> Vector:
         """q̇_n⁽⁰⁾ for (3.9): q̇_{n−1}, AB-1 or AB-2 on q̈, by what is available."""
@@ -113,21 +119,60 @@ class History:
         """
         if self.order == 1:
             return first_order_step(norm(self.a[0]), eps)
-        jerk = norm(self.a[0] - self.a[1]) / self.h
-        if jerk == 0:
-            return np.inf
-        # h (h/6 + h_{n-1}/4) jerk = eps
-        half = 0.75 * self.h
-        return float(np.sqrt(half * half + 6 * eps / jerk) - half)
+        return second_order_step(norm(self.a[0] - self.a[1]) / self.h, self.h, eps)
 
     def error(self, h: float, a: Vector, norm: Callable[[Vector], float]) -> float:
-        """‖ℓ_n‖_M / h of (3.5) after a step of AB-2 of length h that found q̈_n = a; 0 for AB-1.
+        """‖ℓ_n‖_M / h of (3.5) after a step of length h that found q̈_n = a; 0 for AB-1."""
+        return second_order_error(norm(a - self.a[0]), h, self.h) if self.order == 2 else 0.0
 
-        With q⃛ ≈ (q̈_n − q̈_{n−1})/h, which knows of a force that has set in on the way.
-        """
-        return (h / 6 + self.h / 4) * norm(a - self.a[0]) if self.order == 2 else 0.0
+
+def second_order_bdf(w: float) -> tuple[float, float, float]:
+    """α₀, −α₁ and α₂ of BDF-2 (3.1b), w = h_n/h_{n−1}."""
+    return (1 + 2 * w) / (1 + w), 1 + w, w * w / (1 + w)
 
 
 def first_order_step(acceleration: float, eps: float) -> float:
     """Largest h of AB-1 with ½h²‖q̈‖_M ≤ h ε (3.5)."""
-    return 2 * eps / acceleration if acceleration > 0 else np.inf
+    return 2 * eps / acceleration if acceleration > 0 else inf
+
+
+def second_order_step(jerk: float, h_before: float, eps: float) -> float:
+    """Largest h of AB-2 with h² (h/6 + h_{n−1}/4) ‖q⃛‖_M ≤ h ε (3.5)."""
+    if jerk == 0:
+        return inf
+    half = 0.75 * h_before
+    return sqrt(half * half + 6 * eps / jerk) - half
+
+
+def second_order_error(change: float, h: float, h_before: float) -> float:
+    """‖ℓ_n‖_M / h of (3.5) for AB-2, from `change` = ‖q̈_n − q̈_{n−1}‖_M after the step.
+
+    With q⃛ ≈ (q̈_n − q̈_{n−1})/h, which knows of a force that has set in on the way.
+    """
+    return (h / 6 + h_before / 4) * change
+
+
+def next_length(h_last: float, steps: int, allowed: float, h_max: float) -> float:
+    """Step 1: h where (3.5) allows `allowed`, `steps` after a restart; the old one right after."""
+    h = min(h_last if steps == 0 else GROWTH * h_last, h_max)
+    if steps > 0:
+        h = min(h, SAFETY * allowed)
+    return max(h, 10 * SHORTEST_STEP)
+
+
+def first_redone_length(h: float, allowed: float) -> float:
+    """A shorter h where a first step is longer than (3.5) turns out to allow; else ∞."""
+    return SAFETY * allowed if h > allowed else inf
+
+
+def redone_length(h: float, error: float, eps: float) -> float:
+    """A shorter h where the error of (3.5) turns out `TOO_MUCH` times too large; else ∞."""
+    return max(h / 5, SAFETY * h * sqrt(eps / error)) if error > TOO_MUCH * eps else inf
+
+
+def iteration_error(rate: float, change: float, rounding: float) -> float:
+    """Bound of what is left to be changed by all further passes (3.14).
+
+    change : ‖·‖_M that the next would make;  rate : ρ < 1;  rounding : of one pass, (h/α₀) ε₀
+    """
+    return (rate * change + rounding) / (1 - rate)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from problems import friction_kernels, minimum_norm, multistep, step_kernels, velocity
+from problems import friction_kernels, minimum_norm, step_kernels
 from problems.constraint_graph import ActiveSet
 from problems.contacts import Geometry
 from problems.qp import Indices, Solution, Vector
@@ -31,9 +31,8 @@ Q, V, V_BEFORE, A, A_BEFORE = range(5)
 # entries of `QuietSteps.reals`: the time, the last step and the one wished for [s] …
 TIME, H, WISH = range(3)
 # … and what the stepper is set to
-EPS, DROP_TOL, H_MAX, FIXED, REST_SPEED, SHORTEST, UNTIL, REACH = range(3, 11)
-GROWTH, SAFETY, ROUNDING, FORGET, END_SLACK, CONTACT_TOL = range(11, 17)
-AT_BOUND, FIRST_RATE, SAFE_FRACTION, TOO_MUCH, REDONE = range(17, 22)
+EPS, DROP_TOL, H_MAX, FIXED, REST_SPEED, UNTIL, REACH = range(3, 10)
+ROUNDING, FORGET, END_SLACK, CONTACT_TOL, AT_BOUND, SAFE_FRACTION = range(10, 16)
 # entries of `QuietSteps.counts`: steps since the last restart, steps taken, QPs solved, highest
 # order, whether the candidates have to be listed anew, time points with λ, corrected friction,
 # steps rejected because their error turned out too large, whether nothing happens at UNTIL
@@ -182,11 +181,9 @@ def _prepare(stepper: System, active: ActiveSet, end: float) -> QuietSteps:
             [
                 *(stepper.t, history.h, stepper.h_last),
                 *(options.eps, options.drop_tol, options.h_max, options.fixed_step or 0.0),
-                *(options.rest_speed, multistep.SHORTEST_STEP, until, near.margin / 2),
-                *(multistep.GROWTH, multistep.SAFETY, step_kernels.ROUNDING),
+                *(options.rest_speed, until, near.margin / 2, step_kernels.ROUNDING),
                 *(step_kernels.FORGET_LEVEL, step_kernels.END_SLACK, graph.geometry.contact_tol),
-                *(friction_kernels.AT_BOUND, velocity.FIRST_RATE, minimum_norm.SAFE_FRACTION),
-                *(multistep.TOO_MUCH, multistep.REDONE),
+                *(friction_kernels.AT_BOUND, minimum_norm.SAFE_FRACTION),
             ]
         ),
         counts=np.array(

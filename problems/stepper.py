@@ -42,12 +42,12 @@ from problems.events import SAME_TIME, Arrival, Hit, SlideOff, look_ahead, touch
 from problems.friction import FrictionRule
 from problems.impulses import ImpulseRule
 from problems.multistep import (
-    GROWTH,
     REDONE,
-    SAFETY,
     SHORTEST_STEP,
-    TOO_MUCH,
     first_order_step,
+    first_redone_length,
+    next_length,
+    redone_length,
 )
 from problems.options import StepperOptions
 from problems.qp import Vector
@@ -198,7 +198,7 @@ class Stepper(Transitions):
                 signs = np.zeros_like(signs)
                 continue
             shorter = self._rejected_length(step, h, known == STUCK, redone < REDONE)
-            if shorter is not None:
+            if shorter < np.inf:
                 h, h_full, redone = shorter, min(h_full, shorter), redone + step.settled
                 self._reject()
                 continue
@@ -241,12 +241,10 @@ class Stepper(Transitions):
         """Step 1: h from (3.5), with limits on growth; the old one after a restart."""
         if self.options.fixed_step is not None:
             return self.options.fixed_step
-        h = min(
-            self.h_last if self.history.steps == 0 else GROWTH * self.h_last, self.options.h_max
-        )
-        if self.history.steps:
-            h = min(h, SAFETY * self.history.largest_step(self.options.eps, self.equations.norm))
-        return max(h, 10 * SHORTEST_STEP)
+        steps, allowed = self.history.steps, np.inf
+        if steps:
+            allowed = self.history.largest_step(self.options.eps, self.equations.norm)
+        return next_length(self.h_last, steps, allowed, self.options.h_max)
 
     def _try_velocity(
         self,
@@ -270,10 +268,8 @@ class Stepper(Transitions):
             return step._replace(settled=True)
         return step
 
-    def _rejected_length(
-        self, step: VelocityStep, h: float, caught: bool, check: bool
-    ) -> float | None:
-        """A shorter step where the trial does not do, else None.
+    def _rejected_length(self, step: VelocityStep, h: float, caught: bool, check: bool) -> float:
+        """A shorter h where the trial does not do, else ∞.
 
         The iteration did not settle; or it is the first step after a restart, whose local error is
         known only now; or, where that is to be checked, the error is much larger than (3.5) had it.
@@ -281,15 +277,11 @@ class Stepper(Transitions):
         if not step.settled:
             return h / 2
         if self.options.fixed_step is not None or caught or h <= 100 * SHORTEST_STEP:
-            return None
+            return np.inf
         norm, eps = self.equations.norm, self.options.eps
         if self.history.steps == 0:
-            largest = first_order_step(norm(step.a), eps)
-            return SAFETY * largest if h > largest else None
-        error = self.history.error(h, step.a, norm)
-        if check and error > TOO_MUCH * eps:
-            return max(h / 5, SAFETY * h * np.sqrt(eps / error))
-        return None
+            return first_redone_length(h, first_order_step(norm(step.a), eps))
+        return redone_length(h, self.history.error(h, step.a, norm), eps) if check else np.inf
 
     def _reject(self) -> None:
         self.qps.settle(accepted=False)

@@ -35,7 +35,7 @@ from problems.friction_kernels import driven_forces, force_change, forced_signs
 from problems.friction_passes import newton_multipliers
 from problems.layout import Layout
 from problems.minimum_norm import least_norm, surely_independent
-from problems.multistep import History
+from problems.multistep import FIRST_RATE, History, iteration_error
 from problems.qp import LARGEST, Matrix, Vector
 from problems.sequence import QPSequence
 from problems.step_kernels import momentum, outcome, weighted_norm
@@ -46,8 +46,6 @@ STUCK_PASSES = 60
 them the LCP is asked, where it is not too large."""
 STUCK_TOL = 1e-3
 """… and the relative change of the friction forces at which they end: short steps forgive any λ."""
-FIRST_RATE = 0.5
-"""ρ assumed until two passes have shown it."""
 NOTHING = np.zeros(0)
 STUCK = -1
 """For `known`: λ_* = ∞, as if every contact in J_FO stuck whatever its load."""
@@ -194,7 +192,7 @@ class VelocityEquations:
                     loose = off > STUCK_TOL * rubbing
             rate = change / change_before if number > 1 and change_before > 0 else FIRST_RATE
             # without friction the fixed point is a contraction or the step is too long
-            close = rate < 1 and (rate * change + h / alpha0 * eps0) / (1 - rate) <= 0.1 * self.eps
+            close = rate < 1 and iteration_error(rate, change, h / alpha0 * eps0) <= 0.1 * self.eps
             if close and not loose:
                 return step
             if number > 2 and rate >= 1 and not correct:

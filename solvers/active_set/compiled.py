@@ -26,13 +26,14 @@ SOURCES = (
     "sparse_loop.py",
     "quiet_steps.py",
 )
-HERE, PHYSICS = Path(__file__).parent, Path(compiled.__file__).parent
+PHYSICS = ("compiled.py", "quiet.py", "multistep.py", *compiled.SOURCES)
+"""Files of `problems` whose functions or constants are compiled into kernels."""
 
 kernel = compiled.kernel_decorator(
     [
         Path(__file__),
-        *(HERE / name for name in SOURCES),
-        *(PHYSICS / name for name in ("compiled.py", "quiet.py", *compiled.SOURCES)),
+        *(Path(__file__).with_name(name) for name in SOURCES),
+        *(Path(compiled.__file__).with_name(name) for name in PHYSICS),
     ]
 )
 

@@ -14,6 +14,7 @@ from math import hypot, inf, sqrt
 
 import numpy as np
 
+import problems.multistep as multistep
 from problems.contact_kernels import (
     clearances,
     column_speeds,
@@ -22,6 +23,7 @@ from problems.contact_kernels import (
     place_corners,
 )
 from problems.dips import ARRIVAL, MAX_HALVINGS, first_dip, floor_of
+from problems.multistep import FIRST_RATE, REDONE, SHORTEST_STEP
 from problems.quiet import (
     A_BEFORE,
     AT_BOUND,
@@ -30,28 +32,22 @@ from problems.quiet import (
     DROP_TOL,
     END_SLACK,
     EPS,
-    FIRST_RATE,
     FIXED,
     FORGET,
-    GROWTH,
     H_MAX,
     HIGHEST,
     KNOWN,
     OPEN,
     REACH,
-    REDONE,
     REJECTED,
     REST_SPEED,
     ROUNDING,
     SAFE_FRACTION,
-    SAFETY,
-    SHORTEST,
     SOLVES,
     STALE,
     STEPS,
     TAKEN,
     TIME,
-    TOO_MUCH,
     UNTIL,
     V_BEFORE,
     WISH,
@@ -60,43 +56,46 @@ from problems.quiet import (
     Q,
     V,
 )
-from problems.step_kernels import farthest_way, largest_motion
+from problems.step_kernels import farthest_way, largest_motion, weighted_norm
 from solvers.active_set.compiled import kernel
 from solvers.active_set.loop import SOLVED, WARM, algorithm_2
 from solvers.active_set.workspace import COUNTS, STATUS, X
 
+second_order_bdf = kernel(multistep.second_order_bdf)
+first_order_step = kernel(multistep.first_order_step)
+second_order_step = kernel(multistep.second_order_step)
+second_order_error = kernel(multistep.second_order_error)
+next_length = kernel(multistep.next_length)
+first_redone_length = kernel(multistep.first_redone_length)
+redone_length = kernel(multistep.redone_length)
+iteration_error = kernel(multistep.iteration_error)
+
 
 @kernel
-def next_length(state, reals, steps, order, D):
-    """Step 1: h from (3.5) with its limits, as `Stepper._step_length`."""
+def step_length(state, reals, steps, order, D):
+    """As `Stepper._step_length`."""
     if reals[FIXED] > 0.0:
         return reals[FIXED]
-    h = min(reals[WISH] if steps == 0 else reals[GROWTH] * reals[WISH], reals[H_MAX])
-    if steps > 0:
-        total = 0.0
-        for i in range(D.size):
-            change = state[A, i] - (state[A_BEFORE, i] if order == 2 else 0.0)
-            total += (D[i] * change) ** 2
-        size, allowed = sqrt(total), inf
-        if order == 1 and size > 0.0:
-            allowed = 2 * reals[EPS] / size
-        elif size > 0.0:
-            half = 0.75 * reals[H]
-            allowed = sqrt(half * half + 6 * reals[EPS] * reals[H] / size) - half
-        h = min(h, reals[SAFETY] * allowed)
-    return max(h, 10 * reals[SHORTEST])
+    allowed = inf
+    if steps > 0 and order == 1:
+        allowed = first_order_step(weighted_norm(D, state[A]), reals[EPS])
+    elif steps > 0:
+        jerk = weighted_norm(D, state[A] - state[A_BEFORE]) / reals[H]
+        allowed = second_order_step(jerk, reals[H], reals[EPS])
+    return next_length(reals[WISH], steps, allowed, reals[H_MAX])
 
 
 @kernel
-def redo(state, reals, a, h, D):
-    """A shorter step where that of AB-2 was too inaccurate, as `Stepper._rejected_length`; ∞."""
-    total = 0.0
-    for i in range(D.size):
-        total += (D[i] * (a[i] - state[A, i])) ** 2
-    error = (h / 6 + reals[H] / 4) * sqrt(total)
-    if error <= reals[TOO_MUCH] * reals[EPS]:
+def rejected_length(state, reals, steps, order, redone, a, h, D):
+    """As `Stepper._rejected_length` of a step whose passes have settled."""
+    if reals[FIXED] > 0.0 or h <= 100 * SHORTEST_STEP:
         return inf
-    return max(h / 5, reals[SAFETY] * h * sqrt(reals[EPS] / error))
+    if steps == 0:
+        return first_redone_length(h, first_order_step(weighted_norm(D, a), reals[EPS]))
+    if order == 1 or redone >= REDONE:
+        return inf
+    error = second_order_error(weighted_norm(D, a - state[A]), h, reals[H])
+    return redone_length(h, error, reals[EPS])
 
 
 @kernel
@@ -194,9 +193,7 @@ def settled(run, lam_N, lam_F, bound, new_bound, g_F, bodies, weight, force):
     total = 0.0
     for i in range(force.size):
         total += (force[i] / run.D[i]) ** 2
-    change = weight * sqrt(total)
-    rate = run.reals[FIRST_RATE]
-    return (rate * change + weight * run.eps0) / (1 - rate) <= 0.1 * eps
+    return iteration_error(FIRST_RATE, weight * sqrt(total), weight * run.eps0) <= 0.1 * eps
 
 
 @kernel
@@ -239,13 +236,13 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
     while counts[TAKEN] < run.gaps.size:
         steps = counts[STEPS]
         order = 1 if steps < 2 else counts[HIGHEST]
-        h = next_length(state, reals, steps, order, D)
+        h = step_length(state, reals, steps, order, D)
         h = wish = min(h, longest)
         if spring and counts[KNOWN] == 0:
             return
         if reals[TIME] + h >= reals[UNTIL]:
             h = reals[UNTIL] - reals[TIME]
-            if not counts[OPEN] or h <= reals[SHORTEST]:
+            if not counts[OPEN] or h <= SHORTEST_STEP:
                 return
         for i in range(m):  # (3.1a)
             bend[i] = (state[V, i] - state[V_BEFORE, i]) / (2 * reals[H]) if order == 2 else 0.0
@@ -280,12 +277,9 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
             if along[j] < -slack or along[j] > length[j] + slack:
                 return
         w = h / reals[H] if reals[H] > 0.0 else 1.0
-        alpha0 = (1 + 2 * w) / (1 + w) if order == 2 else 1.0
+        alpha0, newest, oldest = second_order_bdf(w) if order == 2 else (1.0, 1.0, 0.0)
         for i in range(m):  # (3.1b)
-            b = state[V, i]
-            if order == 2:
-                b = (1 + w) * b - w * w / (1 + w) * state[V_BEFORE, i]
-            a[i] = b
+            a[i] = newest * state[V, i] - oldest * state[V_BEFORE, i]
             r[i] = f[i]
         if F > 0:  # (4.2), (4.3)
             for j in range(N):
@@ -330,18 +324,11 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
             gains = own_gains(g_N, g_F, bodies, inverse_mass, run.friction_of, run.signs, run.mu)
             if gains.max() >= 1.0:
                 return
-        size = 0.0
         for i in range(m):
             v[i] = weight * r[i] / D[i]
             a[i] = (alpha0 * v[i] - a[i]) / h
-            size += (D[i] * a[i]) ** 2
-        shorter = inf
-        if steps == 0:
-            allowed = 2 * reals[EPS] / sqrt(size) if size > 0.0 else inf
-            shorter = reals[SAFETY] * allowed if h > allowed else inf
-        elif order == 2 and redone < reals[REDONE]:
-            shorter = redo(state, reals, a, h, D)
-        if shorter < inf and reals[FIXED] <= 0.0 and h > 100 * reals[SHORTEST]:
+        shorter = rejected_length(state, reals, steps, order, redone, a, h, D)
+        if shorter < inf:
             longest, redone = shorter, redone + 1
             continue
         counts[REJECTED] += redone
