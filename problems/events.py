@@ -18,10 +18,10 @@ from problems.bodies import GROUND
 from problems.constraint_graph import ConstraintGraph, Normal
 from problems.contact_kernels import column_speeds
 from problems.contacts import Columns, Geometry, Pose
-from problems.dips import ARRIVAL, dips, floors
+from problems.dips import dips, floors
 from problems.multistep import Path
 from problems.qp import Vector
-from problems.step_kernels import END_SLACK, ROUNDING, arrive, farthest_way
+from problems.step_kernels import END_SLACK, arrive, beyond_edge, ends_inside, meeting_reach
 
 SAME_TIME = 1e-9
 """Events within this many seconds of each other are simultaneous."""
@@ -120,23 +120,22 @@ def first_hits(
     clearance : (L,) of all candidates at path(h)
     """
     geometry, near = graph.geometry, graph.candidates
-    # two points that are farther apart at the end cannot have met
-    reach = 2 * farthest_way(path.velocity, path.curvature, h, geometry.radius) + ARRIVAL
+    reach = meeting_reach(path.velocity, path.curvature, h, geometry.radius)
     there = np.flatnonzero(near.free & (clearance - near.level <= reach))
     corner, part, level = near.corner[there], near.part[there], near.level[there]
     before = geometry.clearance(geometry.pose(path.start), corner, part) - level
     after = clearance[there] - level
-    ends_inside = after < np.minimum(0.0, before) - ROUNDING
+    inside = ends_inside(before, after)
     floor = floors(before + level, level)
     dip_start, dip_end = dips(geometry, path, h, corner, part, floor)
     hits: list[Hit] = []
-    for i in np.flatnonzero(ends_inside | np.isfinite(dip_end)):
-        c, p, ref = int(corner[i]), int(part[i]), float(level[i] if ends_inside[i] else floor[i])
+    for i in np.flatnonzero(inside | np.isfinite(dip_end)):
+        c, p, ref = int(corner[i]), int(part[i]), float(level[i] if inside[i] else floor[i])
 
         def gap(step: float, c=c, p=p, ref=ref) -> float:
             return geometry.clearance_on_path(path, step, c, p) - ref
 
-        if ends_inside[i]:
+        if inside[i]:
             where = _crossing(gap, h, float(before[i]), float(after[i]))
         else:
             where = _entry(gap, float(dip_start[i]), float(dip_end[i]))
@@ -188,7 +187,7 @@ def edge_ends(
     columns = geometry.columns_at(pose, active.place)
     slack = END_SLACK * columns.length
     handed_over, losses = {}, []
-    for i in np.flatnonzero((columns.along < -slack) | (columns.along > columns.length + slack)):
+    for i in np.flatnonzero(beyond_edge(columns.along, columns.length)):
         normal, end = active.normals[i], int(columns.along[i] > 0)
         taker = geometry.partner(pose, *normal.place, end)
         if taker is not None:
@@ -226,10 +225,8 @@ def successor(geometry: Geometry, pose: Pose, normal: Normal) -> tuple[int, int,
     edges = (number, (number - 1) % int(geometry.part_size[other]))
     line = max(edges, key=lambda e: (geometry.depth_below(pose, other, e, part), -e))
     on = geometry.columns_at(pose, np.array([(taker, other, line)]))
-    slack = END_SLACK * on.length[0]
-    inside = -slack <= on.along[0] <= on.length[0] + slack
     touches = abs(on.phi[0]) <= geometry.contact_tol
-    return (taker, other, line) if inside and touches else None
+    return (taker, other, line) if touches and not beyond_edge(on.along, on.length)[0] else None
 
 
 def touching(graph: ConstraintGraph, q: Vector, v: Vector, slowest: float) -> list[Hit]:

@@ -33,6 +33,12 @@ def driven_forces(signs, bound):
 
 
 @kernel
+def at_bound(lam_F, bound):
+    """Whether the friction force of one contact is at its bound."""
+    return abs(lam_F) >= bound * (1.0 - AT_BOUND)
+
+
+@kernel
 def forced_signs(signs, lam_F, bound, slip):
     """σ (F,): the sign of a friction force that is proportional to λ_*, 0 where it is not.
 
@@ -43,7 +49,7 @@ def forced_signs(signs, lam_F, bound, slip):
     for j in range(bound.size):
         if signs[j] != 0.0:
             sigma[j] = signs[j]
-        elif abs(lam_F[j]) >= bound[j] * (1.0 - AT_BOUND):
+        elif at_bound(lam_F[j], bound[j]):
             sigma[j] = np.sign(lam_F[j]) if lam_F[j] != 0.0 else -np.sign(slip[j])
     return sigma
 

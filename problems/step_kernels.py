@@ -19,6 +19,15 @@ END_SLACK = 1e-6
 
 
 @kernel
+def path_end(q0, velocity, curvature, h):
+    """q0 + h (velocity + h curvature), (3n,)."""
+    q = np.empty_like(q0)
+    for i in range(q.size):
+        q[i] = q0[i] + h * (velocity[i] + h * curvature[i])
+    return q
+
+
+@kernel
 def largest_motion(before, after, radius):
     """The farthest that any point of a body has moved between q (3n,) `before` and `after`."""
     most = 0.0
@@ -40,6 +49,43 @@ def farthest_way(velocity, curvature, h, radius):
             speed[j] = max(abs(velocity[i]), abs(velocity[i] + 2 * h * curvature[i]))
         most = max(most, np.sqrt(speed[0] ** 2 + speed[1] ** 2) + radius[b] * speed[2])
     return h * most
+
+
+@kernel
+def meeting_reach(velocity, curvature, h, radius):
+    """How far apart two points that meet on the path may be at its end [m]."""
+    return 2.0 * farthest_way(velocity, curvature, h, radius) + ARRIVAL
+
+
+@kernel
+def ends_inside(before, after):
+    """Whether gaps (N,) or one gap, which may have been negative `before`, end below 0 [m]."""
+    return after < np.minimum(0.0, before) - ROUNDING
+
+
+@kernel
+def beyond_edge(along, length):
+    """Whether corners (N,) or one corner, so far `along` their edges, are past an end of them."""
+    slack = END_SLACK * length
+    return (along < -slack) | (along > length + slack)
+
+
+@kernel
+def enters(
+    q, velocity, curvature, h, before, after, level, a, b, local, normal, offset, phi, right, left
+):
+    """Whether a corner ends below its reference level in a part, or dips into it on the way.
+
+    before, after : its clearances at the two ends of the path [m];  the others: see `first_dip`
+    """
+    return (
+        ends_inside(before - level, after - level)
+        or first_dip(
+            *(q, velocity, curvature, h, a, b, local, normal, offset),
+            *(floor_of(before, level), phi, right, left),
+        )[1]
+        <= h
+    )
 
 
 @kernel
@@ -80,31 +126,25 @@ def arrive(
     they were listed, whether a free one may hit something on the way, and whether a
     place (N, 3) of J_N is beyond an end of its edge.
     """
-    q = np.empty_like(q0)
-    for i in range(q.size):
-        q[i] = q0[i] + h * (velocity[i] + h * curvature[i])
+    q = path_end(q0, velocity, curvature, h)
     corners, centres, cosine, sine = place_corners(q, corner_body, corner_local)
     moved = largest_motion(listed_at, q, radius)
     clearance = clearances(corners, centres, cosine, sine, corner, part, part_body, normal, offset)
-    reach = 2.0 * farthest_way(velocity, curvature, h, radius) + ARRIVAL
+    reach = meeting_reach(velocity, curvature, h, radius)
     phi = np.empty((MAX_HALVINGS + 2, offset.shape[1]))
     right, left = np.empty(MAX_HALVINGS + 2), np.empty(offset.shape[1])
     hit = False
     for i in range(level.size):
-        gap = clearance[i] - level[i]
-        if hit or not free[i] or gap > reach:  # two points cannot meet and part as far again
+        if hit or not free[i] or clearance[i] - level[i] > reach:
             continue
         c, p = corner[i], part[i]
         before = clearance_on_path(
             *(q0, velocity, curvature, 0.0, c, p),
             *(corner_body, corner_local, part_body, normal, offset),
         )
-        hit = gap < min(0.0, before - level[i]) - ROUNDING or (
-            first_dip(
-                *(q0, velocity, curvature, h, corner_body[c], part_body[p], corner_local[c]),
-                *(normal[p], offset[p], floor_of(before, level[i]), phi, right, left),
-            )[1]
-            <= h
+        hit = enters(
+            *(q0, velocity, curvature, h, before, clearance[i], level[i], corner_body[c]),
+            *(part_body[p], corner_local[c], normal[p], offset[p], phi, right, left),
         )
     ended = False
     for i in range(places.shape[0]):
@@ -113,9 +153,7 @@ def arrive(
         x, y = normal[p, e, 0], normal[p, e, 1]
         tx, ty = -(sine[b] * x + cosine[b] * y), cosine[b] * x - sine[b] * y
         along = tx * (corners[c, 0] - centres[b, 0]) + ty * (corners[c, 1] - centres[b, 1])
-        along -= start[p, e]
-        slack = END_SLACK * length[p, e]
-        ended |= along < -slack or along > length[p, e] + slack
+        ended |= beyond_edge(along - start[p, e], length[p, e])
     return q, corners, centres, cosine, sine, clearance, moved, hit, ended
 
 

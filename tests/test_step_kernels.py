@@ -10,10 +10,14 @@ from problems.friction_kernels import driven_forces, forced_signs, friction_boun
 from problems.step_kernels import (
     END_SLACK,
     arrive,
+    beyond_edge,
+    ends_inside,
     fastest_body,
     largest_motion,
+    meeting_reach,
     momentum,
     outcome,
+    path_end,
     weighted_norm,
 )
 
@@ -126,6 +130,32 @@ def test_an_arrival_tells_of_a_dip_on_the_way():
     none = np.zeros((0, 3), np.int64)
     assert arrival(geometry, q, velocity, -velocity / 0.1, 0.1, none)[7]
     assert not arrival(geometry, q, 0.5 * velocity, -0.5 * velocity / 0.1, 0.1, none)[7]
+
+
+def test_a_gap_that_is_negative_from_the_start_must_close_further():
+    before, after = np.array([1.0, 1.0, -1e-3, -1e-3, 0.0]), np.array([0.0, -1e-9, -1e-3, -2e-3, 0])
+    found = ends_inside(before, after)
+    np.testing.assert_array_equal(found, [False, True, False, True, False])
+    assert [ends_inside(*gaps) for gaps in zip(before, after, strict=True)] == found.tolist()
+
+
+def test_a_corner_is_beyond_an_edge_of_finite_length_only():
+    along, length = np.array([-1e-9, -1e-5, 2.0, 2.1, -9.0]), np.array([2.0, 2, 2, 2, np.inf])
+    np.testing.assert_array_equal(beyond_edge(along, length), [False, True, False, True, False])
+
+
+def test_points_that_met_are_within_reach():
+    """Two bodies that part at 3 m/s each, from one place, while one also turns."""
+    velocity, radius, h = np.array([3.0, 0, 0, -3, 0, 0]), np.array([0.5, 1.0]), 0.1
+    apart = 2 * 3.0 * h
+    at_rest = np.zeros(6)
+    assert apart < meeting_reach(velocity, at_rest, h, radius) < apart + 1e-6
+    turning = velocity + np.array([0.0, 0, 2, 0, 0, 0])
+    assert meeting_reach(turning, at_rest, h, radius) == pytest.approx(apart + 2 * 0.5 * 2 * h)
+    # the same from rest, at twice the speed in the end
+    grown = meeting_reach(at_rest, velocity / h, h, radius)
+    assert path_end(at_rest, at_rest, velocity / h, h) @ [1, 0, 0, -1, 0, 0] == pytest.approx(apart)
+    assert apart < grown < 2 * apart + 1e-6
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.75, 0.76, -0.75, -0.76])
