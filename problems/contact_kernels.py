@@ -189,22 +189,20 @@ def gather_columns(normal, tangent, bodies, row, tangential):
 
 
 @kernel
-def dense_columns(entries, bodies, D):
-    """D⁻ᵀ G as a matrix (m, N)."""
-    A = np.zeros((D.size, bodies.shape[0]))
-    place_columns(entries, bodies, D, A)
-    return A
+def dense_columns(entries, bodies, D, A=None):
+    """D⁻ᵀ G as a matrix (m, N).
 
-
-@kernel
-def place_columns(entries, bodies, D, A):
-    """Write the entries of D⁻ᵀ G into A (m, N); its other entries stay."""
+    A : what it is written to, zeros or a G of the same bodies
+    """
+    if A is None:
+        A = np.zeros((D.size, bodies.shape[0]))
     for i in range(bodies.shape[0]):
         for side in range(2):
             b = bodies[i, side]
             if b >= 0:
                 for j in range(3):
                     A[3 * b + j, i] = entries[i, 3 * side + j] / D[3 * b + j]
+    return A
 
 
 @kernel

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from problems import friction_kernels, minimum_norm, step_kernels
+from problems import minimum_norm
 from problems.constraint_graph import ActiveSet
 from problems.contacts import Geometry
 from problems.qp import Indices, Solution, Vector
@@ -32,7 +32,7 @@ Q, V, V_BEFORE, A, A_BEFORE = range(5)
 TIME, H, WISH = range(3)
 # … and what the stepper is set to
 EPS, DROP_TOL, H_MAX, FIXED, REST_SPEED, UNTIL, REACH = range(3, 10)
-ROUNDING, FORGET, END_SLACK, CONTACT_TOL, AT_BOUND, SAFE_FRACTION = range(10, 16)
+CONTACT_TOL, SAFE_FRACTION = range(10, 12)
 # entries of `QuietSteps.counts`: steps since the last restart, steps taken, QPs solved, highest
 # order, whether the candidates have to be listed anew, time points with λ, corrected friction,
 # steps rejected because their error turned out too large, whether nothing happens at UNTIL
@@ -64,10 +64,11 @@ class QuietSteps(NamedTuple):
 
     D : (3n,);  forces : (3n,) f;  eps0 : the accuracy asked of a QP (3.13)
     place : (N, 3) corner, part, edge;  friction_of : (N,);  first, mu : (F,), see `ActiveSet`
-    signs : (F,) s of those that slide, 0 of those that stick;  sticking : indices of the latter
-    order : (k,) the columns among [normals, sticking];  row_id : (k,), read only
+    signs : (F,) s of those that slide, 0 of those that stick
+    row, tangential, row_id : (k,), the last read only;  normal_column : (N,);  sticking,
+        sticking_column : of those that stick;  see `Layout`
     lam, lam_before : (N,) λ_N at the last two time points, updated
-    corner, part, level : (C,) the candidates;  levels sink and are forgotten
+    corner, part, level, free : (L,) the candidates themselves, whose levels are updated
     listed_at : (3n,) where the candidates were listed
     state, reals, counts : see the names above, updated
     track : (MOST, 1 + 6n) t, q, q̇ of every step;  gaps : (MOST,) min φ [m]
@@ -83,14 +84,18 @@ class QuietSteps(NamedTuple):
     first: Indices
     mu: Vector
     signs: Vector
-    sticking: Indices
-    order: Indices
+    row: Indices
+    tangential: NDArray[np.bool_]
     row_id: Indices
+    normal_column: Indices
+    sticking: Indices
+    sticking_column: Indices
     lam: Vector
     lam_before: Vector
     corner: Indices
     part: Indices
     level: Vector
+    free: NDArray[np.bool_]
     listed_at: Vector
     state: Vector
     reals: Vector
@@ -167,23 +172,26 @@ def _prepare(stepper: System, active: ActiveSet, end: float) -> QuietSteps:
         first=active.first,
         mu=active.mu,
         signs=signs,
-        sticking=layout.sticking,
-        order=layout.order,
+        row=layout.row,
+        tangential=layout.tangential,
         row_id=layout.row_id,
+        normal_column=layout.normal_column,
+        sticking=layout.sticking,
+        sticking_column=layout.sticking_column,
         lam=active.lam[0].copy(),
         lam_before=active.lam[1].copy(),
-        corner=near.corner[near.free],
-        part=near.part[near.free],
-        level=near.level[near.free],
+        corner=near.corner,
+        part=near.part,
+        level=near.level,
+        free=near.free,
         listed_at=near.listed_at,
         state=state,
         reals=np.array(
             [
                 *(stepper.t, history.h, stepper.h_last),
                 *(options.eps, options.drop_tol, options.h_max, options.fixed_step or 0.0),
-                *(options.rest_speed, until, near.margin / 2, step_kernels.ROUNDING),
-                *(step_kernels.FORGET_LEVEL, step_kernels.END_SLACK, graph.geometry.contact_tol),
-                *(friction_kernels.AT_BOUND, minimum_norm.SAFE_FRACTION),
+                *(options.rest_speed, until, near.margin / 2, graph.geometry.contact_tol),
+                minimum_norm.SAFE_FRACTION,
             ]
         ),
         counts=np.array(
@@ -203,8 +211,6 @@ def _follow(stepper: System, run: QuietSteps, active: ActiveSet, taken: int) -> 
     m = stepper.q.size
     multipliers = run.multipliers[:taken]
     active.lam[:] = run.lam, run.lam_before
-    near = stepper.graph.candidates
-    near.level[near.free] = run.level
     n = active.normal_ids.size
     for row, lam, gap in zip(run.track, multipliers, run.gaps.tolist(), strict=False):
         rows = Multipliers(active.normal_ids, active.friction_ids, lam[:n], lam[n:])

@@ -19,9 +19,10 @@ END_SLACK = 1e-6
 
 
 @kernel
-def path_end(q0, velocity, curvature, h):
-    """q0 + h (velocity + h curvature), (3n,)."""
-    q = np.empty_like(q0)
+def path_end(q0, velocity, curvature, h, q=None):
+    """q0 + h (velocity + h curvature), (3n,), written to q."""
+    if q is None:
+        q = np.empty_like(q0)
     for i in range(q.size):
         q[i] = q0[i] + h * (velocity[i] + h * curvature[i])
     return q
@@ -43,11 +44,11 @@ def farthest_way(velocity, curvature, h, radius):
     """Bound of how far any point moves on the path h (velocity + h curvature), there and back."""
     most = 0.0
     for b in range(radius.size):
-        speed = np.zeros(3)
-        for j in range(3):
-            i = 3 * b + j
-            speed[j] = max(abs(velocity[i]), abs(velocity[i] + 2 * h * curvature[i]))
-        most = max(most, np.sqrt(speed[0] ** 2 + speed[1] ** 2) + radius[b] * speed[2])
+        i, j, l = 3 * b, 3 * b + 1, 3 * b + 2
+        x = max(abs(velocity[i]), abs(velocity[i] + 2 * h * curvature[i]))
+        y = max(abs(velocity[j]), abs(velocity[j] + 2 * h * curvature[j]))
+        turn = max(abs(velocity[l]), abs(velocity[l] + 2 * h * curvature[l]))
+        most = max(most, np.sqrt(x * x + y * y) + radius[b] * turn)
     return h * most
 
 
@@ -158,9 +159,11 @@ def arrive(
 
 
 @kernel
-def momentum(b, force, D, h, limit):
+def momentum(b, force, D, h, limit, d=None):
     """d = D b/h + D⁻ᵀ f (3.2), (m,), and whether its entries are numbers up to ±limit."""
-    d, within = np.empty_like(b), True
+    if d is None:
+        d = np.empty_like(b)
+    within = True
     for i in range(b.size):
         d[i] = D[i] * b[i] / h + force[i] / D[i]
         if not abs(d[i]) <= limit:
@@ -169,12 +172,14 @@ def momentum(b, force, D, h, limit):
 
 
 @kernel
-def outcome(entries, bodies, x, b, d, D, h, alpha0):
+def outcome(entries, bodies, x, b, d, D, h, alpha0, v=None, a=None):
     """q̇ = (h/α₀) D⁻¹ (A x + d) and q̈ = (α₀ q̇ − b)/h (3.1b), (m,).
 
     entries (k, 6), bodies (k, 2) : the columns of G that x (k,) belongs to
     """
-    v, a = np.zeros_like(d), np.empty_like(d)
+    if v is None or a is None:
+        v, a = np.empty_like(d), np.empty_like(d)
+    v[:] = 0.0
     for j in range(x.size):
         if x[j] != 0.0:
             for side in range(2):

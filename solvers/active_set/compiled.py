@@ -26,7 +26,7 @@ SOURCES = (
     "sparse_loop.py",
     "quiet_steps.py",
 )
-PHYSICS = ("compiled.py", "quiet.py", "multistep.py", *compiled.SOURCES)
+PHYSICS = ("compiled.py", "qp.py", "quiet.py", "multistep.py", *compiled.SOURCES)
 """Files of `problems` whose functions or constants are compiled into kernels."""
 
 kernel = compiled.kernel_decorator(

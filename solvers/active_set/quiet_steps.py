@@ -18,22 +18,24 @@ import problems.multistep as multistep
 from problems.contact_kernels import (
     clearances,
     column_speeds,
+    column_sum,
     contact_columns,
+    dense_columns,
+    gather_columns,
     own_gains,
     place_corners,
 )
-from problems.dips import ARRIVAL, MAX_HALVINGS, first_dip, floor_of
+from problems.dips import MAX_HALVINGS
+from problems.friction_kernels import at_bound, driven_forces, force_change, friction_bounds
 from problems.multistep import FIRST_RATE, REDONE, SHORTEST_STEP
+from problems.qp import LARGEST
 from problems.quiet import (
     A_BEFORE,
-    AT_BOUND,
     CONTACT_TOL,
     CORRECTED,
     DROP_TOL,
-    END_SLACK,
     EPS,
     FIXED,
-    FORGET,
     H_MAX,
     HIGHEST,
     KNOWN,
@@ -41,7 +43,6 @@ from problems.quiet import (
     REACH,
     REJECTED,
     REST_SPEED,
-    ROUNDING,
     SAFE_FRACTION,
     SOLVES,
     STALE,
@@ -56,7 +57,18 @@ from problems.quiet import (
     Q,
     V,
 )
-from problems.step_kernels import farthest_way, largest_motion, weighted_norm
+from problems.step_kernels import (
+    beyond_edge,
+    enters,
+    fastest_body,
+    largest_motion,
+    meeting_reach,
+    momentum,
+    outcome,
+    path_end,
+    sink_levels,
+    weighted_norm,
+)
 from solvers.active_set.compiled import kernel
 from solvers.active_set.loop import SOLVED, WARM, algorithm_2
 from solvers.active_set.workspace import COUNTS, STATUS, X
@@ -99,28 +111,15 @@ def rejected_length(state, reals, steps, order, redone, a, h, D):
 
 
 @kernel
-def covered(i, corner, part, corner_part, place, corners, tolerance):
-    """Whether an active point of the same two parts coincides with candidate i."""
-    own, other = corner_part[corner[i]], part[i]
-    x, y = corners[corner[i], 0], corners[corner[i], 1]
+def covered(c, p, place, corner_part, corners, tolerance):
+    """Whether an active point of the same two parts coincides with corner c."""
+    own, x, y = corner_part[c], corners[c, 0], corners[c, 1]
     for j in range(place.shape[0]):
         one, two = corner_part[place[j, 0]], place[j, 1]
-        if (one == own and two == other) or (one == other and two == own):
-            c = place[j, 0]
-            if hypot(corners[c, 0] - x, corners[c, 1] - y) <= tolerance:
-                return True
+        same = (one == own and two == p) or (one == p and two == own)
+        if same and hypot(corners[place[j, 0], 0] - x, corners[place[j, 0], 1] - y) <= tolerance:
+            return True
     return False
-
-
-@kernel
-def friction_bounds(friction_of, mu, lam_N, bound):
-    """bound := μ Σ λ_N of each friction (F,)."""
-    bound[:] = 0.0
-    for i in range(friction_of.size):
-        if friction_of[i] >= 0:
-            bound[friction_of[i]] += lam_N[i]
-    for j in range(mu.size):
-        bound[j] *= mu[j]
 
 
 @kernel
@@ -152,48 +151,30 @@ def surely_independent(A, fraction):
 
 
 @kernel
-def fill(columns, order, g_N, g_F, first, sticking, bodies, D):
-    """A = D⁻ᵀ[G_N, G_F] in the order of the QP's columns; `columns` holds zeros or the last A."""
-    N = g_N.shape[0]
-    for c in range(order.size):
-        normal = order[c] < N
-        j = order[c] if normal else first[sticking[order[c] - N]]
-        for side in range(2):
-            b = bodies[j, side]
-            if b >= 0:
-                for e in range(3):
-                    entry = g_N[j, 3 * side + e] if normal else g_F[j, 3 * side + e]
-                    columns[3 * b + e, c] = entry / D[3 * b + e]
+def any_at_bound(signs, lam_F, bound):
+    """Whether a sticking contact is at its bound, so that it may begin to slide."""
+    found = False
+    for j in range(signs.size):
+        found |= signs[j] == 0.0 and at_bound(lam_F[j], bound[j])
+    return found
 
 
 @kernel
-def settled(run, lam_N, lam_F, bound, new_bound, g_F, bodies, weight, force):
-    """Whether another pass would not change q̇ by more than (3.14) allows; `force` is scratch.
-
-    False also where a sticking contact is at its bound, because it may begin to slide.
-    """
-    eps = run.reals[EPS]
-    for j in range(run.mu.size):
-        stuck = abs(lam_F[j])
-        if run.signs[j] == 0.0 and stuck >= bound[j] * (1 - run.reals[AT_BOUND]):
+def slips_on(signs, slip, new, eps):
+    """Whether what slides does so after a step, too, see `Transitions._stopping_lengths`."""
+    for j in range(signs.size):
+        if signs[j] != 0.0 and (slip[j] * new[j] < 0.0 or abs(new[j]) <= 0.01 * eps):
             return False
-    if not run.counts[CORRECTED]:
-        return True
-    friction_bounds(run.friction_of, run.mu, lam_N, new_bound)
-    force[:] = 0.0
-    for j in range(run.mu.size):
-        moved = run.signs[j] * (new_bound[j] - bound[j])
-        if run.signs[j] == 0.0:
-            moved = min(0.0, new_bound[j] - abs(lam_F[j])) * (-1.0 if lam_F[j] < 0.0 else 1.0)
-        for side in range(2):
-            b = bodies[run.first[j], side]
-            if b >= 0:
-                for e in range(3):
-                    force[3 * b + e] += g_F[run.first[j], 3 * side + e] * moved
-    total = 0.0
-    for i in range(force.size):
-        total += (force[i] / run.D[i]) ** 2
-    return iteration_error(FIRST_RATE, weight * sqrt(total), weight * run.eps0) <= 0.1 * eps
+    return True
+
+
+@kernel
+def go_on(state, q, v, a):
+    """Make q, q̇, q̈ (3n,) the newest."""
+    for i in range(q.size):
+        state[Q, i] = q[i]
+        state[V_BEFORE, i], state[V, i] = state[V, i], v[i]
+        state[A_BEFORE, i], state[A, i] = state[A, i], a[i]
 
 
 @kernel
@@ -205,128 +186,119 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
     posed : the same memory, read only
     S, I, eps0, mode : see `algorithm_2`
     """
-    shapes, D, f, place, first = run.shapes, run.D, run.forces, run.place, run.first
-    corner, part, level = run.corner, run.part, run.level
-    state, reals, counts = run.state, run.reals, run.counts
+    shapes, D, state, reals, counts = run.shapes, run.D, run.state, run.reals, run.counts
+    place, signs, lam, lam_before = run.place, run.signs, run.lam, run.lam_before
+    corner, part, level, free = run.corner, run.part, run.level, run.free
+    normal_column, sticking, sticking_column = run.normal_column, run.sticking, run.sticking_column
+    track, gaps, multipliers = run.track, run.gaps, run.multipliers
     edges = shapes.part_body, shapes.edge_normal, shapes.edge_offset
+    sides = shapes.edge_start, shapes.edge_length
     A_written, d, lower, upper = written
     A_posed, d_posed, lower_posed, upper_posed = posed
-    m, k, N, F = D.size, run.order.size, place.shape[0], run.mu.size
-    q, v, a, r = np.empty(m), np.empty(m), np.empty(m), np.empty(m)
-    bend, before = np.empty(m), np.empty(corner.size)
+    m, k, N, F = D.size, run.row.size, place.shape[0], signs.size
     phis = np.empty((MAX_HALVINGS + 2, shapes.edge_offset.shape[1]))
     right, left = np.empty(MAX_HALVINGS + 2), np.empty(shapes.edge_offset.shape[1])
-    slip, slides, inverse_mass = np.zeros(F), run.signs.any(), 1 / D**2
-    lam_N, lam_F, bound, new_bound = np.zeros(N), np.zeros(F), np.zeros(F), np.zeros(F)
-    q[:] = state[Q]
-    v[:] = state[V]
-    pose = place_corners(q, shapes.corner_body, shapes.corner_local)
-    before[:] = clearances(*pose, corner, part, *edges)
-    if F > 0:
-        _, _, g_F, bodies, _, _, _, _ = contact_columns(
-            *pose, place, shapes.corner_body, *edges, shapes.edge_start, shapes.edge_length
-        )
-        speed = column_speeds(g_F, bodies, v)
-        for j in range(F):
-            slip[j] = speed[first[j]]
-            if run.signs[j] * slip[j] > 0.0:
-                return
-    spring = F > 0 and not (counts[CORRECTED] and len(run.sticking) == F)
+    q, v, a, b = np.empty(m), np.empty(m), np.empty(m), np.empty(m)
+    bend, lam_N, lam_F, bound = np.zeros(m), np.zeros(N), np.zeros(F), np.zeros(F)
+    upper[:] = inf
+    slides, inverse_mass = signs.any(), 1 / D**2
+    pose = place_corners(state[Q], shapes.corner_body, shapes.corner_local)
+    before = clearances(*pose, corner, part, *edges)
+    _, _, g_F, bodies, _, _, _, _ = contact_columns(
+        *pose, place, shapes.corner_body, *edges, *sides
+    )
+    rubs = np.ones(F, np.bool_)
+    tangent, rubbing = gather_columns(g_F, g_F, bodies, run.first, rubs)
+    slip = column_speeds(tangent, rubbing, state[V])
+    for j in range(F):
+        if signs[j] * slip[j] > 0.0:
+            return
+    spring = F > 0 and not (counts[CORRECTED] and sticking.size == F)
     longest, redone = inf, 0
-    while counts[TAKEN] < run.gaps.size:
+    while counts[TAKEN] < gaps.size:
         steps = counts[STEPS]
         order = 1 if steps < 2 else counts[HIGHEST]
-        h = step_length(state, reals, steps, order, D)
-        h = wish = min(h, longest)
+        h = wish = min(step_length(state, reals, steps, order, D), longest)
         if spring and counts[KNOWN] == 0:
             return
         if reals[TIME] + h >= reals[UNTIL]:
             h = reals[UNTIL] - reals[TIME]
             if not counts[OPEN] or h <= SHORTEST_STEP:
                 return
-        for i in range(m):  # (3.1a)
+        w = h / reals[H] if reals[H] > 0.0 else 1.0
+        alpha0, newest, oldest = second_order_bdf(w) if order == 2 else (1.0, 1.0, 0.0)
+        for i in range(m):  # (3.1a), (3.1b)
             bend[i] = (state[V, i] - state[V_BEFORE, i]) / (2 * reals[H]) if order == 2 else 0.0
-            q[i] = state[Q, i] + h * (state[V, i] + h * bend[i])
+            b[i] = newest * state[V, i] - oldest * state[V_BEFORE, i]
+        path_end(state[Q], state[V], bend, h, q)
         if not largest_motion(run.listed_at, q, shapes.radius) <= reals[REACH]:
             counts[STALE] = min(counts[TAKEN], 1)
             return
         pose = place_corners(q, shapes.corner_body, shapes.corner_local)
         after = clearances(*pose, corner, part, *edges)
-        reach = 2.0 * farthest_way(state[V], bend, h, shapes.radius) + ARRIVAL
+        reach = meeting_reach(state[V], bend, h, shapes.radius)
         for i in range(corner.size):
-            gap, c, p = after[i] - level[i], corner[i], part[i]
-            if gap > reach:  # two points cannot meet and part as far again
+            if not free[i] or after[i] - level[i] > reach:
                 continue
-            enters = gap < min(0.0, before[i] - level[i]) - reals[ROUNDING] or (
-                first_dip(
-                    *(state[Q], state[V], bend, h, shapes.corner_body[c], shapes.part_body[p]),
-                    *(shapes.corner_local[c], shapes.edge_normal[p], shapes.edge_offset[p]),
-                    *(floor_of(before[i], level[i]), phis, right, left),
-                )[1]
-                <= h
+            c, p = corner[i], part[i]
+            met = enters(
+                *(state[Q], state[V], bend, h, before[i], after[i], level[i]),
+                *(shapes.corner_body[c], shapes.part_body[p], shapes.corner_local[c]),
+                *(shapes.edge_normal[p], shapes.edge_offset[p], phis, right, left),
             )
-            if enters and not covered(
-                i, corner, part, shapes.corner_part, place, pose[0], reals[CONTACT_TOL]
-            ):
+            if met and not covered(c, p, place, shapes.corner_part, pose[0], reals[CONTACT_TOL]):
                 return
         phi, g_N, g_F, bodies, _, along, length, _ = contact_columns(
-            *pose, place, shapes.corner_body, *edges, shapes.edge_start, shapes.edge_length
+            *pose, place, shapes.corner_body, *edges, *sides
         )
         for j in range(N):
-            slack = reals[END_SLACK] * length[j]
-            if along[j] < -slack or along[j] > length[j] + slack:
+            if beyond_edge(along[j], length[j]):
                 return
-        w = h / reals[H] if reals[H] > 0.0 else 1.0
-        alpha0, newest, oldest = second_order_bdf(w) if order == 2 else (1.0, 1.0, 0.0)
-        for i in range(m):  # (3.1b)
-            a[i] = newest * state[V, i] - oldest * state[V_BEFORE, i]
-            r[i] = f[i]
+        force = run.forces
         if F > 0:  # (4.2), (4.3)
+            tangent, rubbing = gather_columns(g_N, g_F, bodies, run.first, rubs)
             for j in range(N):
-                change = run.lam[j] - run.lam_before[j] if counts[KNOWN] > 1 else 0.0
-                lam_N[j] = max(0.0, run.lam[j] + w * change) if counts[KNOWN] else inf
-            friction_bounds(run.friction_of, run.mu, lam_N, bound)
-            for j in range(F):
-                lam_F[j] = run.signs[j] * bound[j]
-                for side in range(2):
-                    b = bodies[first[j], side]
-                    if b >= 0 and lam_F[j] != 0.0:
-                        for e in range(3):
-                            r[3 * b + e] += g_F[first[j], 3 * side + e] * lam_F[j]
-        for i in range(m):
-            r[i] = d[i] = r[i] / D[i] + D[i] * a[i] / h
+                change = lam[j] - lam_before[j] if counts[KNOWN] > 1 else 0.0
+                lam_N[j] = max(0.0, lam[j] + w * change) if counts[KNOWN] else inf
+            bound = friction_bounds(run.friction_of, run.mu, lam_N)
+            lam_F = driven_forces(signs, bound)
+            force = force + column_sum(tangent, rubbing, lam_F, m)
+            for j in range(sticking.size):
+                c = sticking_column[j]
+                lower[c], upper[c] = -bound[sticking[j]], bound[sticking[j]]
+        if not momentum(b, force, D, h, LARGEST, d)[1]:
+            return
+        entries, pairs = g_N, bodies
+        if k > N:
+            entries, pairs = gather_columns(g_N, g_F, bodies, run.row, run.tangential)
         if k > 0:  # (3.2), (4.6)
-            fill(A_written, run.order, g_N, g_F, first, run.sticking, bodies, D)
+            dense_columns(entries, pairs, D, A_written)
             if F > 0 and not surely_independent(A_written, reals[SAFE_FRACTION]):
                 return
-            for c in range(k):
-                j = run.order[c] - N
-                lower[c] = -bound[run.sticking[j]] if j >= 0 else 0.0
-                upper[c] = bound[run.sticking[j]] if j >= 0 else inf
             algorithm_2(A_posed, d_posed, lower_posed, upper_posed, run.row_id, S, I, eps0, mode)
             mode |= WARM
             counts[SOLVES] += 1
             if I[COUNTS, STATUS] != SOLVED:
                 return
-            for c in range(k):
-                j = run.order[c]
-                if j < N:
-                    lam_N[j] = S[X, c]
-                else:
-                    lam_F[run.sticking[j - N]] = S[X, c]
-            for i in range(m):
-                for c in range(k):
-                    r[i] += A_written[i, c] * S[X, c]
-        weight = h / alpha0
-        if F > 0 and not settled(run, lam_N, lam_F, bound, new_bound, g_F, bodies, weight, v):
+        x = S[X, :k]
+        for j in range(N):
+            lam_N[j] = x[normal_column[j]]
+        for j in range(sticking.size):
+            lam_F[sticking[j]] = x[sticking_column[j]]
+        outcome(entries, pairs, x, b, d, D, h, alpha0, v, a)
+        if F > 0 and any_at_bound(signs, lam_F, bound):
             return
+        if F > 0 and counts[CORRECTED]:  # (3.14)
+            new_bound = friction_bounds(run.friction_of, run.mu, lam_N)
+            moved = force_change(signs, lam_F, bound, new_bound)
+            force = column_sum(tangent, rubbing, moved, m) * inverse_mass
+            change, rounding = h / alpha0 * weighted_norm(D, force), h / alpha0 * run.eps0
+            if not iteration_error(FIRST_RATE, change, rounding) <= 0.1 * reals[EPS]:
+                return
         if slides:
-            gains = own_gains(g_N, g_F, bodies, inverse_mass, run.friction_of, run.signs, run.mu)
+            gains = own_gains(g_N, g_F, bodies, inverse_mass, run.friction_of, signs, run.mu)
             if gains.max() >= 1.0:
                 return
-        for i in range(m):
-            v[i] = weight * r[i] / D[i]
-            a[i] = (alpha0 * v[i] - a[i]) / h
         shorter = rejected_length(state, reals, steps, order, redone, a, h, D)
         if shorter < inf:
             longest, redone = shorter, redone + 1
@@ -334,49 +306,31 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
         counts[REJECTED] += redone
         longest, redone = inf, 0
         if F > 0:
-            speed = column_speeds(g_F, bodies, v)
-            for j in range(F):
-                new = speed[first[j]]
-                stops = slip[j] * new < 0.0 or abs(new) <= 0.01 * reals[EPS]
-                if run.signs[j] != 0.0 and stops:
-                    return
-            for j in range(F):
-                slip[j] = speed[first[j]]
+            new_slip = column_speeds(tangent, rubbing, v)
+            if not slips_on(signs, slip, new_slip, reals[EPS]):
+                return
+            slip = new_slip
         # accepted
-        for i in range(m):
-            state[Q, i] = q[i]
-            state[V_BEFORE, i], state[V, i] = state[V, i], v[i]
-            state[A_BEFORE, i], state[A, i] = state[A, i], a[i]
+        go_on(state, q, v, a)
+        sink_levels(after, free, level)
+        before = after
         reals[TIME] += h
         reals[H], reals[WISH] = h, wish
-        for i in range(corner.size):
-            before[i] = after[i]
-            if level[i] < 0.0 and after[i] > reals[FORGET]:
-                level[i] = 0.0
-            elif after[i] < level[i] - reals[ROUNDING]:
-                level[i] = after[i]
         n = counts[TAKEN]
         counts[TAKEN] += 1
         counts[STEPS] += 1
         counts[KNOWN] = min(counts[KNOWN] + 1, counts[STEPS], 2)
-        track = run.track[n]
-        track[0] = reals[TIME]
+        track[n, 0] = reals[TIME]
         for i in range(m):
-            track[1 + i], track[1 + m + i] = q[i], v[i]
-        run.gaps[n] = inf
+            track[n, 1 + i], track[n, 1 + m + i] = q[i], v[i]
+        gaps[n] = inf
         for j in range(N):
-            run.lam_before[j], run.lam[j] = run.lam[j], lam_N[j]
-            run.multipliers[n, j] = lam_N[j]
-            run.gaps[n] = min(run.gaps[n], phi[j])
+            lam_before[j], lam[j] = lam[j], lam_N[j]
+            multipliers[n, j] = lam_N[j]
+            gaps[n] = min(gaps[n], phi[j])
         for j in range(F):
-            run.multipliers[n, N + j] = lam_F[j]
-        fastest = 0.0
-        for b in range(m // 3):
-            total = 0.0
-            for i in range(3 * b, 3 * b + 3):
-                total += (D[i] * v[i]) ** 2
-            fastest = max(fastest, total)
-        if sqrt(fastest) <= reals[REST_SPEED]:
+            multipliers[n, N + j] = lam_F[j]
+        if fastest_body(D, v) <= reals[REST_SPEED]:
             return
         speed = column_speeds(g_N, bodies, v)
         for j in range(N):
