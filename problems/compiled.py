@@ -60,6 +60,7 @@ SOURCES = (
     "dips.py",
     "step_kernels.py",
     "friction_kernels.py",
+    "independence.py",
 )
 
 kernel = kernel_decorator([Path(__file__), *(Path(__file__).with_name(name) for name in SOURCES)])

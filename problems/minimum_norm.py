@@ -26,9 +26,10 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.linalg import norm
 from numpy.typing import ArrayLike
-from scipy.linalg.lapack import dgeqp3, dorgqr, dpotrf
+from scipy.linalg.lapack import dgeqp3, dorgqr
 from scipy.sparse.linalg import splu
 
+from problems.independence import SAFE_FRACTION, far_from_dependent
 from problems.qp import FEATURE_FIELDS, LARGEST, ContactQP, Matrix, Vector
 from problems.sequence import QPSequence
 from problems.sparse_minimum_norm import SAME_FORCE, ridge_minimum_norm
@@ -39,10 +40,8 @@ ACCURACY = 1e-12
 """Accuracy asked of the least-squares residual, whose last entry is at least ½."""
 MANY_COLUMNS = 400
 """From this many columns on the sparse way is the faster one."""
-SAFE_FRACTION = 1e-6
-"""Singular values above this fraction of ‖A‖ leave no doubt about the rank."""
 SPARSE_SAFE_FRACTION = 3e-7
-"""The same for a sparse A, as a fraction of its longest column."""
+"""`SAFE_FRACTION` for a sparse A, as a fraction of its longest column."""
 
 
 class IndependenceProof:
@@ -84,9 +83,7 @@ def surely_independent(A: Matrix, multiple: float = 1.0) -> bool:
     if k == 0 or k > m:
         return k == 0
     if not sp.issparse(A):
-        normal = A.T @ A
-        normal.flat[:: k + 1] -= (multiple * SAFE_FRACTION) ** 2 * np.trace(normal)
-        return int(dpotrf(normal, overwrite_a=True)[1]) == 0
+        return bool(far_from_dependent(A, multiple * SAFE_FRACTION))
     normal = A.T @ A
     shift = (multiple * SPARSE_SAFE_FRACTION) ** 2 * normal.diagonal().max()
     try:

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from problems import minimum_norm
 from problems.constraint_graph import ActiveSet
 from problems.contacts import Geometry
 from problems.qp import Indices, Solution, Vector
@@ -31,8 +30,7 @@ Q, V, V_BEFORE, A, A_BEFORE = range(5)
 # entries of `QuietSteps.reals`: the time, the last step and the one wished for [s] …
 TIME, H, WISH = range(3)
 # … and what the stepper is set to
-EPS, DROP_TOL, H_MAX, FIXED, REST_SPEED, UNTIL, REACH = range(3, 10)
-CONTACT_TOL, SAFE_FRACTION = range(10, 12)
+EPS, DROP_TOL, H_MAX, FIXED, REST_SPEED, UNTIL, REACH, CONTACT_TOL = range(3, 11)
 # entries of `QuietSteps.counts`: steps since the last restart, steps taken, QPs solved, highest
 # order, whether the candidates have to be listed anew, time points with λ, corrected friction,
 # steps rejected because their error turned out too large, whether nothing happens at UNTIL
@@ -191,7 +189,6 @@ def _prepare(stepper: System, active: ActiveSet, end: float) -> QuietSteps:
                 *(stepper.t, history.h, stepper.h_last),
                 *(options.eps, options.drop_tol, options.h_max, options.fixed_step or 0.0),
                 *(options.rest_speed, until, near.margin / 2, graph.geometry.contact_tol),
-                minimum_norm.SAFE_FRACTION,
             ]
         ),
         counts=np.array(

@@ -6,6 +6,7 @@ import scipy.sparse as sp
 from scipy.optimize import minimize
 
 from problems import scene, simulate
+from problems.independence import far_from_dependent
 from problems.minimum_norm import (
     IndependenceProof,
     least_distance_point,
@@ -122,6 +123,23 @@ def test_independence_is_claimed_only_where_qr_confirms_it(form, least):
     A = U * np.linspace(1, least, 50) @ Vt
     assert surely_independent(form(A)) == (least >= 1e-5)
     assert null_space(A).shape[1] == (least == 0)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_dense_independence_equals_that_of_lapack(seed):
+    """AᵀA − τ²I has Cholesky factors, and no column has been touched."""
+    rng = np.random.default_rng(seed)
+    m, k = rng.integers(1, 30), rng.integers(1, 30)
+    A = rng.normal(size=(m, k)) * (rng.random((m, k)) < 0.6)
+    A[:, -1] = A[:, 0] + 10.0 ** rng.integers(-12, 1) * A[:, -1]
+    before, fraction = A.copy(), 1e-5
+    normal = A.T @ A - fraction**2 * np.trace(A.T @ A) * np.eye(k)
+    try:
+        twin = k <= m and np.linalg.cholesky(normal).size > 0
+    except np.linalg.LinAlgError:
+        twin = False
+    assert far_from_dependent(A, fraction) == twin
+    np.testing.assert_array_equal(A, before)
 
 
 def test_more_columns_than_rows_or_a_column_of_zeros_are_not_independent():

@@ -10,7 +10,7 @@ whose gain is 1 or more (`problems.gain`).
 
 from __future__ import annotations
 
-from math import hypot, inf, sqrt
+from math import hypot, inf
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from problems.contact_kernels import (
 )
 from problems.dips import MAX_HALVINGS
 from problems.friction_kernels import at_bound, driven_forces, force_change, friction_bounds
+from problems.independence import SAFE_FRACTION, far_from_dependent
 from problems.multistep import FIRST_RATE, REDONE, SHORTEST_STEP
 from problems.qp import LARGEST
 from problems.quiet import (
@@ -43,7 +44,6 @@ from problems.quiet import (
     REACH,
     REJECTED,
     REST_SPEED,
-    SAFE_FRACTION,
     SOLVES,
     STALE,
     STEPS,
@@ -120,34 +120,6 @@ def covered(c, p, place, corner_part, corners, tolerance):
         if same and hypot(corners[place[j, 0], 0] - x, corners[place[j, 0], 1] - y) <= tolerance:
             return True
     return False
-
-
-@kernel
-def surely_independent(A, fraction):
-    """Whether AᵀA − τ²I has Cholesky factors, see `problems.minimum_norm.surely_independent`."""
-    m, k = A.shape
-    if k > m:
-        return False
-    L, trace = np.empty((k, k)), 0.0
-    for i in range(k):
-        for j in range(i + 1):
-            total = 0.0
-            for e in range(m):
-                total += A[e, i] * A[e, j]
-            L[i, j] = total
-        trace += L[i, i]
-    for i in range(k):
-        for j in range(i + 1):
-            value = L[i, j] - (fraction**2 * trace if i == j else 0.0)
-            for e in range(j):
-                value -= L[i, e] * L[j, e]
-            if i > j:
-                L[i, j] = value / L[j, j]
-            elif value > 0.0:
-                L[i, i] = sqrt(value)
-            else:
-                return False
-    return True
 
 
 @kernel
@@ -273,7 +245,7 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
             entries, pairs = gather_columns(g_N, g_F, bodies, run.row, run.tangential)
         if k > 0:  # (3.2), (4.6)
             dense_columns(entries, pairs, D, A_written)
-            if F > 0 and not surely_independent(A_written, reals[SAFE_FRACTION]):
+            if F > 0 and not far_from_dependent(A_written, SAFE_FRACTION):
                 return
             algorithm_2(A_posed, d_posed, lower_posed, upper_posed, run.row_id, S, I, eps0, mode)
             mode |= WARM
