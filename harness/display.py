@@ -135,8 +135,10 @@ def _motion(recording: Recording) -> str:
 
 def print_run(console: Console, run: Any) -> None:
     """How a simulation ended: counts, events, where each body is; and friction gains γ ≥ 1."""
-    counts = ", ".join(f"{v} {k}" for k, v in run.counts.items())
-    console.print(Text(f"{run.scene.label}: t = {run.t[-1]:.6g} s; {counts}"))
+    counts = ", ".join(f"{v} {k.replace('_', ' ')}" for k, v in run.counts.items())
+    rest = [event.t for event in run.event_log if event.kind == "rest"]
+    end = f", at rest from t = {rest[-1]:.6g} s on" if rest else ""
+    console.print(Text(f"{run.scene.label}: t = {run.t[-1]:.6g} s{end}; {counts}"))
     kinds = Counter(event.kind for event in run.event_log)
     if kinds:
         console.print(Text("events: " + ", ".join(f"{n} {kind}" for kind, n in kinds.items())))
