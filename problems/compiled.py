@@ -61,6 +61,7 @@ SOURCES = (
     "step_kernels.py",
     "friction_kernels.py",
     "independence.py",
+    "peeling.py",
 )
 
 kernel = kernel_decorator([Path(__file__), *(Path(__file__).with_name(name) for name in SOURCES)])

@@ -36,6 +36,7 @@ from problems.friction_passes import newton_multipliers
 from problems.layout import Layout
 from problems.minimum_norm import least_norm, surely_independent
 from problems.multistep import FIRST_RATE, History, iteration_error
+from problems.peeling import peels
 from problems.qp import LARGEST, Matrix, Vector
 from problems.sequence import QPSequence
 from problems.step_kernels import momentum, outcome, weighted_norm
@@ -123,7 +124,9 @@ class VelocityEquations:
         if rubs:
             lam_star = self._first_guess(assembly, history, q_before, t, h, signs, known)
         redundant = rubs and not (
-            layout.proof.holds(A) if sp.issparse(A) else surely_independent(A)
+            peels(entries, bodies, D) or layout.proof.holds(A)
+            if sp.issparse(A)
+            else surely_independent(A)
         )
         lean: Vector | None = None
         if self.drift_time < np.inf:
