@@ -4,6 +4,10 @@ Warm starts follow the protocol of the replay: a step, iteration or corrector QP
 last solution of that group unless the integration has just restarted; impulses and minimum-norm
 QPs start cold.  An answer from a warm start that its solver does not call solved is asked for
 once more, cold.
+
+This differs from the protocol where there are many columns, and the search from a cold start would
+take longer than all else: QPs of `MANY_COLUMNS` keep their start over a restart, and minimum-norm
+QPs may say which of their like they continue (`chain`).
 """
 
 from __future__ import annotations
@@ -12,10 +16,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from problems.qp import ContactQP, Solution
+from problems.qp import ContactQP, Solution, Status
 
 WARM_KINDS = ("step", "iteration", "corrector")
 """Kinds of QP that follow one another smoothly enough for a warm start."""
+MANY_COLUMNS = 2_000
+"""Most contacts go on as they did, and a cold start would search thousands of working sets."""
 
 
 class SolvesQPs(Protocol):
@@ -39,6 +45,7 @@ class QPSequence:
         self.qps: list[ContactQP] = []
         self.solutions: list[Solution] = []
         self._last: Solution | None = None
+        self._chains: dict[str, Solution] = {}
         self._restarting = True
         self._settled = 0
 
@@ -55,18 +62,24 @@ class QPSequence:
         self._last, self._restarting = last, False
         self.count += count
 
-    def solve(self, *, own: bool = False, **fields: Any) -> tuple[ContactQP, Solution]:
+    def solve(
+        self, *, own: bool = False, chain: str = "", **fields: Any
+    ) -> tuple[ContactQP, Solution]:
         """Pose the QP with these fields of `ContactQP` and solve it.
 
         own : the fields are all there, and fit for `ContactQP.of_own`
+        chain : where a QP would start cold: start from the last one of this name, and be the next
         """
         warm = fields["kind"] in WARM_KINDS
         first = warm and self._restarting
         pose = ContactQP.of_own if own else ContactQP
         qp = pose(**fields, accepted=False, restart=first)
-        start = self.start() if warm else None
+        start = self.start() if warm else self._chains.get(chain)
+        if first and qp.k >= MANY_COLUMNS:
+            start = self._last
         solution = self._ask(qp, start)
-        if start is not None and not solution.found:
+        near = chain != "" and solution.status is Status.INACCURATE  # who asks looks at it himself
+        if start is not None and not solution.found and not near:
             solution = self._ask(qp, None)
         if solution.x is None:
             raise SimulationError(
@@ -81,6 +94,8 @@ class QPSequence:
         if warm:
             self._restarting = False
             self._last = solution
+        elif chain:
+            self._chains[chain] = solution
         return qp, solution
 
     def _ask(self, qp: ContactQP, start: Solution | None) -> Solution:

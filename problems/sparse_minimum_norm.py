@@ -8,7 +8,7 @@ a `ContactQP` with the matrix [A; δ I], whose columns touch two bodies and them
 least-norm λ of the force A λ, which is off by O(δ²); the error is added to the force asked for,
 f_{j+1} = f_j + (A x − A λ_j), until A λ = A x: the method of multipliers (Hestenes 1969), whose
 error falls by δ²/(σ² + δ²) each time, σ the least singular value of A that is not 0.  As a rule the
-second λ is it.
+second λ is it.  Each QP starts from the last one of the same kind, be it of another step.
 
 Where the first λ breaks Coulomb's law, the others are from the cones |λ_F| ≤ μ Σ λ_N, by their
 generators: λ = V c, c ≥ 0, with the matrix [A V; δ V], as impulses are posed.  Where the cones hold
@@ -17,11 +17,13 @@ no λ of the same force, Coulomb's law is left out, and where A λ = A x is not 
 
 from __future__ import annotations
 
+import operator
+
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from problems.qp import ContactQP, Vector
+from problems.qp import ContactQP, Indices, Vector
 from problems.sequence import QPSequence
 
 SAME_FORCE = 1e-9
@@ -61,15 +63,21 @@ def _least(qps: QPSequence, qp: ContactQP, x: Vector, coulomb: sp.csr_array) -> 
     force = qp.A @ (x - fixed) / size
     tolerance = SAME_FORCE * float(np.linalg.norm(qp.A @ x)) / size
     rows = coulomb[:0]
-    asked = force
+    asked, posed = force, None
     for _ in range(MAX_SOLVES):
-        V, lower, upper = generators(rows, movable, qp.lower / size, qp.upper / size)
+        if posed is None:
+            V, lower, upper, row_id = generators(
+                rows, movable, qp.lower / size, qp.upper / size, qp.row_id
+            )
+            posed = ridge(qp.A, V, delta)
         _, solution = qps.solve(
-            A=sp.vstack([qp.A @ V, delta * V], format="csc"),
+            A=posed,
             d=np.concatenate([-asked, np.zeros(qp.k)]),
             lower=lower,
             upper=upper,
+            row_id=row_id,
             kind="minimum_norm",
+            chain="cones" if rows.shape[0] else "bounds",
             t=qp.t,
             h=qp.h,
             alpha0=qp.alpha0,
@@ -78,7 +86,7 @@ def _least(qps: QPSequence, qp: ContactQP, x: Vector, coulomb: sp.csr_array) -> 
         lam = V @ np.clip(np.asarray(solution.x), lower, upper)
         missing = force - qp.A @ lam
         if rows.shape[0] == 0 and (coulomb @ (lam + fixed / size) < -CONE_TOL).any():
-            rows = coulomb[: coulomb.shape[0] // 2]
+            rows, posed = coulomb[: coulomb.shape[0] // 2], None
         elif np.linalg.norm(missing) <= tolerance:
             return fixed + size * lam
         else:
@@ -86,12 +94,30 @@ def _least(qps: QPSequence, qp: ContactQP, x: Vector, coulomb: sp.csr_array) -> 
     return None
 
 
+def ridge(A: sp.csc_array, V: sp.csc_array, delta: float) -> sp.csc_array:
+    """[A V; δ V], whose pattern is that of A and V, also where entries of A V happen to be 0."""
+    product, low = (A @ V).tocoo(), V.tocoo()
+    ones = (sp.csc_array((np.ones(M.nnz), M.indices, M.indptr), shape=M.shape) for M in (A, V))
+    every = operator.matmul(*ones).tocoo()
+    entries = np.concatenate([product.data, np.zeros(every.nnz), delta * low.data])
+    row = np.concatenate([product.row, every.row, A.shape[0] + low.row])
+    column = np.concatenate([product.col, every.col, low.col])
+    shape = (A.shape[0] + V.shape[0], V.shape[1])
+    return sp.csc_array((entries, (row, column)), shape=shape)
+
+
 def generators(
-    rows: sp.csr_array, movable: NDArray[np.bool_], lower: Vector, upper: Vector
-) -> tuple[sp.csc_array, Vector, Vector]:
+    rows: sp.csr_array,
+    movable: NDArray[np.bool_],
+    lower: Vector,
+    upper: Vector,
+    row_id: Indices,
+) -> tuple[sp.csc_array, Vector, Vector, Indices]:
     """V (k, p) and bounds of c, λ = V c: the cones of `rows`, else the multipliers themselves.
 
-    rows : (r, k) of μ Σ λ_N − λ_F;  movable : (k,) which multipliers may be chosen
+    rows : (r, k) of μ Σ λ_N − λ_F;  movable : (k,) which multipliers may be chosen;  row_id : (k,)
+
+    Returns V, lower, upper and a row_id for each c.
     """
     k = movable.size
     entries = rows.tocoo()
@@ -116,4 +142,6 @@ def generators(
         shape=(k, 2 * count + plain.size),
     )
     free = np.full(2 * count, np.inf)
-    return V, np.append(np.zeros(2 * count), lower[plain]), np.append(free, upper[plain])
+    names = np.concatenate([4 * row_id[normal] + 1, 4 * row_id[normal] + 2, 4 * row_id[plain]])
+    bounds = np.append(np.zeros(2 * count), lower[plain]), np.append(free, upper[plain])
+    return V, *bounds, names

@@ -17,6 +17,7 @@ from problems.minimum_norm import (
 )
 from problems.qp import ContactQP
 from problems.sequence import QPSequence
+from problems.sparse_minimum_norm import ridge
 from solvers import make_solver
 from solvers.active_set.sparse_pattern import is_narrow
 
@@ -300,3 +301,36 @@ def test_a_proof_knows_what_is_beyond_doubt(least):
     proof = IndependenceProof()
     for matrix in (A, A, moved, A):
         assert proof.holds(matrix) == surely_independent(matrix)
+
+
+def test_the_ridge_keeps_its_pattern_where_entries_cancel() -> None:
+    """Or a wall whose bricks turn a little would have another pattern at every step."""
+    A = sp.csc_array(np.array([[1.0, 1.0], [0.5, -0.5], [2.0, 0.0]]))
+    V = sp.csc_array(np.array([[1.0, 1.0], [1.0, -1.0]]))
+    posed, moved = ridge(A, V, 0.1), ridge(A * 1.1 + 0 * A, V, 0.1)
+    np.testing.assert_allclose(posed.toarray(), np.vstack([(A @ V).toarray(), 0.1 * V.toarray()]))
+    turned = ridge(sp.csc_array(A.toarray() + np.array([[0.1, 0], [0, 0.2], [0, 0]])), V, 0.1)
+    assert posed.nnz == turned.nnz == moved.nnz == 10
+    np.testing.assert_array_equal(posed.indices, turned.indices)
+
+
+def test_a_chain_goes_on_from_its_like() -> None:
+    """The second ridge QP of a minimum norm, and those of the next one, start from the last."""
+    made = scene("wall", bodies=160, mu=0.4)
+    cold, starts = make_solver("lotstedt"), []
+
+    class Watching:
+        name = "watching"
+
+        def solve(self, qp, start=None):
+            if qp.kind == "minimum_norm":
+                starts.append(start is not None)
+            return cold.solve(qp, start)
+
+    run = simulate(made, Watching(), until=5e-6)
+    assert not starts[0] and all(starts[2:]) and len(starts) >= 4
+    again = make_solver("lotstedt", accuracy=None)
+    for qp, found in zip(run.qps, run.solutions, strict=True):
+        if qp.kind == "minimum_norm":
+            apart = again.solve(qp).x
+            assert np.linalg.norm(qp.A @ (apart - found.x)) <= 1e-9 * np.linalg.norm(qp.d)

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from problems import scene, simulate
 from problems.qp import ContactQP, Indices, Vector
 from solvers import make_solver
 from solvers.active_set.method import CROSSOVER, Lotstedt
@@ -22,7 +23,7 @@ from solvers.active_set.sparse_cholesky import (
     solve_L,
     solve_LT,
 )
-from solvers.active_set.sparse_loop import NOISE, conjugate_gradients
+from solvers.active_set.sparse_loop import LEAP_AFTER, NOISE, conjugate_gradients
 from solvers.active_set.sparse_pattern import FEW_ZEROS, Pattern, contact_order, make_pattern
 from solvers.active_set.sparse_workspace import (
     CHANGED,
@@ -333,3 +334,46 @@ def test_memory_passes_between_the_paths(order: tuple[int, int]) -> None:
         cold = Lotstedt(accuracy=1e-10, variant="exact_qr").solve(replace(part, A=part.dense_A))
         assert last.found
         assert np.linalg.norm(part.A @ (last.x - cold.x)) <= 1e-8 * force_scale(part)
+
+
+def ridge_qp(seed: int, bodies: int, contacts: int, delta: float) -> ContactQP:
+    """Redundant contacts with a ridge, all of them one-sided: a search of many sets."""
+    rng = np.random.default_rng(seed)
+    A = contact_matrix(rng, bodies, contacts)
+    stacked = sp.vstack([A, delta * sp.eye_array(contacts)], format="csc")
+    d = np.concatenate([rng.standard_normal(3 * bodies), np.zeros(contacts)])
+    zero, inf = np.zeros(contacts), np.full(contacts, np.inf)
+    return ContactQP(stacked, d, zero, inf, kind="minimum_norm", eps0=1e-12)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3])
+def test_a_leap_ends_at_the_same_force(seed: int) -> None:
+    """A tower that is shaken, all its friction sticking: ill-conditioned, and many sets to search.
+
+    An option about iterations makes the method walk all the way.
+    """
+    still = simulate(scene("tower", bodies=200, mu=0.5, speed=0.0), Lotstedt(), until=1e-3)
+    qp = next(qp for qp in still.qps if qp.k == 600)
+    shaken = qp.d + 0.05 * np.linalg.norm(qp.d) * np.random.default_rng(seed).standard_normal(qp.m)
+    qp = replace(qp, d=shaken, eps0=1e-9 * float(np.linalg.norm(shaken)))
+    leapt = Lotstedt().solve(qp)
+    walked = Lotstedt(iteration_limit=10**6, variant="online").solve(qp)
+    assert leapt.found and walked.found and leapt.work and walked.work
+    assert leapt.work.descent_directions > LEAP_AFTER
+    assert leapt.work != walked.work
+    assert_kkt(qp, leapt.x, 1e-7)
+    error = np.linalg.norm(qp.A @ (leapt.x - walked.x))
+    assert error <= 2 * qp.eps0
+
+
+def test_a_matrix_that_moves_is_factorized_for_a_minimum_norm() -> None:
+    """And one that does not is not."""
+    qp = ridge_qp(7, 60, 150, 1e-4)
+    solver = Lotstedt()
+    last = solver.solve(qp)
+    last = solver.solve(replace(qp, d=1.001 * qp.d), last)
+    assert last.work is not None and last.work.qr_factorizations == 0
+    moved = sp.csc_array(qp.A)
+    moved.data = moved.data * (1 + 1e-7)
+    last = solver.solve(replace(qp, A=moved), last)
+    assert last.work is not None and last.work.qr_factorizations == 1

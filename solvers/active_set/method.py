@@ -76,7 +76,7 @@ from solvers.active_set.loop import (
     algorithm_2,
 )
 from solvers.active_set.quiet_steps import quiet_steps
-from solvers.active_set.sparse_loop import sparse_algorithm_2
+from solvers.active_set.sparse_loop import TODAYS_A, sparse_algorithm_2
 from solvers.active_set.sparse_pattern import is_narrow, make_pattern
 from solvers.active_set.sparse_workspace import SparseWorkspace, make_sparse_workspace
 from solvers.active_set.workspace import (
@@ -286,6 +286,8 @@ class Lotstedt(Solver):
         kept: bool,
     ) -> SparseCall:
         mode: int = self._sparse  # type: ignore[attr-defined]
+        if problem.kind == "minimum_norm":
+            mode |= TODAYS_A
         if mode & (CUSTOM | EXTRAPOLATED):
             self._hand_over_options(room, problem.t)
         return SparseCall(

@@ -1,6 +1,6 @@
 """Algorithm 2 where A is large and sparse: thousands of contacts, each between two bodies.
 
-The steps are those of `method`, with three inner parts exchanged:
+The steps are those of `method`, with some inner parts exchanged:
 
 1. L = Rᵀ by sparse Cholesky (`sparse_cholesky`), of today's A or that of an earlier QP,
    preconditions conjugate gradients for the descent direction (3.19).  Columns that leave F leave
@@ -18,6 +18,7 @@ The steps are those of `method`, with three inner parts exchanged:
    L last: with a small one, what has turned out of the null space since weighs (angle)²/shift.  A
    small shift makes ill-conditioned systems converge.  So it starts large, and is lowered where
    today's L needs many iterations; where no column is dependent there is none.
+4. Where that has taken many directions, and the columns are independent, it leaps (`leap`).
 """
 
 from __future__ import annotations
@@ -63,7 +64,14 @@ from solvers.active_set.sparse_cholesky import (
     solve_LT,
 )
 from solvers.active_set.sparse_pattern import SLOTS
-from solvers.active_set.sparse_workspace import IN_F, IN_L, WORK
+from solvers.active_set.sparse_workspace import (
+    IN_F,
+    IN_L,
+    KEPT_F,
+    KEPT_Z,
+    LARGEST_SHIFT,
+    WORK,
+)
 from solvers.active_set.workspace import (
     AGE,
     BEFORE,
@@ -109,6 +117,9 @@ from solvers.active_set.workspace import (
     Z,
 )
 
+TODAYS_A = 512
+"""Bit of `mode`: L is of today's A, and the least shift will do.  The ridge of a minimum norm is as
+small, so that with an old L p is wrong along what has been the null space, by (angle)²/shift."""
 FIRST_SHIFT, LEAST_SHIFT = 1e-4, 1e-10
 """Bounds on the shift; columns are of length 1."""
 MANY = 20.0
@@ -119,6 +130,10 @@ PER_FLOP, PER_ENTRY, PER_COLUMN = 0.37, 13.0, 83.0
 """What a factorization takes for each flop, entry and column of L, in units of 1/`PRICE` of an
 iteration's flop; measured.  The online rule, which is about time, counts so; the paper's counts
 flops."""
+LEAP_AFTER, LATER = 30, 4
+"""Descent directions after which a leap is tried, and by what factor more after one in vain."""
+LEAPS = 30
+"""Sets F that a leap tries."""
 MOST_FACTORS = 8
 """Factorizations for one direction: an old L's place is taken, the shift lowered from first to
 least, and something to spare."""
@@ -228,9 +243,9 @@ def factorize(pattern, Bx, Lx, S, I, f):
     flops = cholesky(pattern, Bx, S, I, Lx, S[REALS, SHIFT])
     if flops < 0:
         I[COUNTS, ORDER] = f
-        S[REALS, SHIFT] = FIRST_SHIFT
+        S[REALS, SHIFT] = S[REALS, LARGEST_SHIFT]
         I[COUNTS, FLOPS] += -1 - flops
-        flops = cholesky(pattern, Bx, S, I, Lx, FIRST_SHIFT)
+        flops = cholesky(pattern, Bx, S, I, Lx, S[REALS, SHIFT])
     S[REALS, FACTORIZATION_FLOPS] = flops
     k = pattern.order.size
     for c in range(k):
@@ -272,6 +287,16 @@ def follow(pattern, Bx, Lx, S, I, f):
 
 
 @kernel
+def is_of_this_A(Bx, k):
+    """Whether L is that of today's A, be it of another F."""
+    differ = 0
+    for c in range(k):
+        for b in range(SLOTS):
+            differ += Bx[c, b] != Bx[k + c, b]
+    return differ == 0
+
+
+@kernel
 def has_todays_L(I, k):
     """Whether L is that of today's A and of the present F."""
     if I[COUNTS, AGE] > 0:
@@ -303,12 +328,12 @@ def is_blocked(S, I, k):
 
 
 @kernel
-def conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, noise, limit, plain):
+def conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, noise, limit, plain, bounded=True):
     """Minimise ‖B_F p + r‖ over p, preconditioned by L Lᵀ, until ‖B_Fᵀ(B_F p + r)‖ ≤ tolerance.
 
     Row GRADIENT holds Bᵀ r.  p is left in row P, 0 outside F, and B_F p + r in row REMAINDER.
-    A p that will be cut short need only be roughly right.  Returns the iterations made, as a
-    negative number, −1 − iterations, when `limit` of them were not enough.
+    A p that will be cut short, if it is `bounded`, need only be roughly right.  Returns the
+    iterations made, as a negative number, −1 − iterations, when `limit` of them were not enough.
 
     With M⁻¹ = E (L Lᵀ)⁻¹ Eᵀ, E the rows of F, which is positive definite whatever columns L has:
     v = B_Fᵀ s, y = M⁻¹ v, q := −y + (vᵀy/vᵀy before) q, α = vᵀy/‖B_F q‖² (Björck and Elfving 1979).
@@ -345,7 +370,7 @@ def conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, noise, limit, plain
         if iterations >= limit:
             return -1 - iterations
         if iterations == 0:
-            rough = ROUGH * sqrt(slope)
+            rough = ROUGH * sqrt(slope) if bounded else 0.0
         elif sqrt(slope) <= rough:
             rough = 0.0
             if is_blocked(S, I, k):
@@ -492,6 +517,62 @@ def ratio_test(S, I, k):
 
 
 @kernel
+def leap(pattern, Bx, Lx, S, I, m, f, tolerance, rounding):
+    """Primal-dual active sets (Hintermüller, Ito, Kunisch 2002) from here; returns the size of F.
+
+    Every variable of F that the whole step p takes beyond a bound goes to it, every one at a bound
+    whose sign is wrong then enters F, all at once, until none does.  Where that has not lowered the
+    objective in the end, z and F are what they were.  It is for columns that are independent.
+    """
+    k = pattern.order.size
+    inside, kept_f, z, kept_z = I[IN_F], I[KEPT_F], S[Z], S[KEPT_Z]
+    p, r, low, high = S[P], S[RESIDUAL], S[LOWER], S[UPPER]
+    f_before, before, after, changes = f, 0.0, 0.0, 1
+    for c in range(k):
+        kept_z[c], kept_f[c] = z[c], inside[c]
+    for i in range(m):
+        before += r[i] * r[i]
+    for _ in range(LEAPS):
+        if I[COUNTS, AGE] > 0:
+            factorize(pattern, Bx, Lx, S, I, f)
+        follow(pattern, Bx, Lx, S, I, f)
+        take_residual(pattern, Bx, S, m)
+        take_gradient(pattern, Bx, S, RESIDUAL)
+        shift = S[REALS, SHIFT]
+        if shift > LEAST_SHIFT:
+            break
+        noise = NOISE * rounding * rounding / shift if shift > 0.0 else 0.0
+        made = conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, noise, MANY, False, False)
+        made = made if made >= 0 else -1 - made
+        I[COUNTS, DIRECTIONS] += 1
+        I[COUNTS, CG_ITERATIONS] += made
+        I[COUNTS, FLOPS] += made * iteration_flops(pattern, f, m, False) + 4 * pattern.nonzeros
+        take_gradient(pattern, Bx, S, REMAINDER)
+        changes = 0
+        for c in range(k):
+            if inside[c]:
+                z[c] = min(max(z[c] + p[c], low[c]), high[c])
+                if (z[c] == low[c] or z[c] == high[c]) and p[c] != 0.0:
+                    inside[c] = 0
+                    changes, f = changes + 1, f - 1
+            elif low[c] < high[c] and wrong_sign(S, c) > tolerance:
+                inside[c] = 1
+                changes, f = changes + 1, f + 1
+        I[COUNTS, CHANGES] += changes
+        if changes == 0:
+            break
+    take_residual(pattern, Bx, S, m)
+    for i in range(m):
+        after += r[i] * r[i]
+    if after < before:
+        return f
+    for c in range(k):
+        z[c], inside[c] = kept_z[c], kept_f[c]
+    take_residual(pattern, Bx, S, m)
+    return f_before
+
+
+@kernel
 def finish(order, row_id, lower, upper, S, I):
     """x in the units of the QP and the members of X, F and P; both remembered for the next QP."""
     z, x, length, low, high = S[Z], S[X], S[LENGTH], S[LOWER], S[UPPER]
@@ -521,7 +602,7 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
     pattern, Bx, Lx, S, I : of a `SparseWorkspace`, with the memory of the previous solve
     kept : whether Lx holds an earlier L of this pattern
     eps0 : accuracy in ‖A δx‖ (3.13), negative for the default of `method`
-    mode : bits of `loop`; SETTLED is for small QPs
+    mode : bits of `loop`, and TODAYS_A; SETTLED is for small QPs
     """
     m, k, order = d.size, pattern.order.size, pattern.order
     for i in range(DIRECTIONS, FLOPS + 1):
@@ -544,11 +625,13 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
     I[COUNTS, AGE] += 1
     interval = I[COUNTS, INTERVAL] if mode & CUSTOM else 0
     due = I[COUNTS, DUE] != 0 if interval == 0 else I[COUNTS, AGE] >= interval
+    S[REALS, LARGEST_SHIFT] = LEAST_SHIFT if mode & TODAYS_A else FIRST_SHIFT
     if not (warm and kept):
         forget(I[COUNTS], S[REALS])
     if not warm:
         I[COUNTS, ORDER] = k + 1
-    if not (warm and kept) or mode & (OWN_SET | TODAYS_QR) or due:
+    another = mode & TODAYS_A and not is_of_this_A(Bx, k)
+    if not (warm and kept) or mode & (OWN_SET | TODAYS_QR) or due or another:
         factorize(pattern, Bx, Lx, S, I, f)
     I[COUNTS, DUE] = 0
     _, rounding = take_residual(pattern, Bx, S, m)  # 2.
@@ -560,6 +643,7 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
     refining = inf  # ‖B_Fᵀ r‖ before a full step on the same F; inf where F has changed
     status = OUT_OF_PASSES
     one_by_one, given_up = False, 0
+    patience = passes if mode & (NO_R | SCRATCH | CUSTOM) else LEAP_AFTER
 
     while True:
         take_gradient(pattern, Bx, S, RESIDUAL)  # 7., and the right-hand side of 3.
@@ -574,6 +658,14 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
             if passes <= 0:
                 break
             passes -= 1
+            unique = S[REALS, SHIFT] <= LEAST_SHIFT
+            if refining == inf and unique and I[COUNTS, DIRECTIONS] >= patience:
+                patience = LATER * (I[COUNTS, DIRECTIONS] + LEAPS)
+                f = leap(pattern, Bx, Lx, S, I, m, f, aim, rounding)
+                for c in range(k):
+                    mark[c] = 0
+                one_by_one = False
+                continue
             if refining == inf:
                 I[COUNTS, DIRECTIONS] += 1
             age = direction(pattern, Bx, Lx, S, I, m, f, 0.5 * aim, rounding, mode)  # 3.

@@ -18,9 +18,11 @@ from solvers.active_set.workspace import N_FLOAT_ROWS, N_INT_ROWS, OLD_F, SIZES,
 
 IN_F, IN_L, WORK = F, OLD_F, SIZES
 """Rows of another meaning than in `workspace`."""
-SPREAD, CHANGED = range(N_FLOAT_ROWS, N_FLOAT_ROWS + 2)
-PLACE = N_INT_ROWS
-"""Rows of S and I for `sparse_cholesky`."""
+SPREAD, CHANGED, KEPT_Z = range(N_FLOAT_ROWS, N_FLOAT_ROWS + 3)
+PLACE, KEPT_F = range(N_INT_ROWS, N_INT_ROWS + 2)
+LARGEST_SHIFT = 15
+"""Rows of S and I for `sparse_cholesky`, and for `sparse_loop.leap`; an entry of
+row REALS."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +50,8 @@ def make_sparse_workspace(
         pattern,
         np.zeros((2 * pattern.Bi.shape[0], pattern.Bi.shape[1])),
         np.empty(pattern.Lp[-1]),
-        np.zeros((CHANGED + 1, n)),
-        np.zeros((PLACE + 1, n), dtype=np.int64),
+        np.zeros((KEPT_Z + 1, n)),
+        np.zeros((KEPT_F + 1, n), dtype=np.int64),
     )
     if previous is not None:
         old = previous.S.shape[1]
