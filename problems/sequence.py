@@ -5,9 +5,8 @@ last solution of that group unless the integration has just restarted; impulses 
 QPs start cold.  An answer from a warm start that its solver does not call solved is asked for
 once more, cold.
 
-This differs from the protocol where there are many columns, and the search from a cold start would
-take longer than all else: QPs of `MANY_COLUMNS` keep their start over a restart, and minimum-norm
-QPs may say which of their like they continue (`chain`).
+This differs from the protocol: the minimum-norm QPs of many columns say which of their like they
+continue (`chain`), because from a cold start their search takes longer than all else.
 """
 
 from __future__ import annotations
@@ -20,8 +19,6 @@ from problems.qp import ContactQP, Solution, Status
 
 WARM_KINDS = ("step", "iteration", "corrector")
 """Kinds of QP that follow one another smoothly enough for a warm start."""
-MANY_COLUMNS = 2_000
-"""Most contacts go on as they did, and a cold start would search thousands of working sets."""
 
 
 class SolvesQPs(Protocol):
@@ -75,8 +72,6 @@ class QPSequence:
         pose = ContactQP.of_own if own else ContactQP
         qp = pose(**fields, accepted=False, restart=first)
         start = self.start() if warm else self._chains.get(chain)
-        if first and qp.k >= MANY_COLUMNS:
-            start = self._last
         solution = self._ask(qp, start)
         near = chain != "" and solution.status is Status.INACCURATE  # who asks looks at it himself
         if start is not None and not solution.found and not near:
