@@ -17,6 +17,7 @@ contacts, not the way to step.
 from __future__ import annotations
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from problems.assembly import Assembly
@@ -41,9 +42,8 @@ def coulomb_multipliers(assembly: Assembly, D: Vector, d: Vector) -> Vector | No
     N, F = friction_of.size, mu.size
     if N + 3 * F > MOST_VARIABLES:
         return None
-    every = np.arange(max(N, F))
-    normal = np.asarray(assembly.scaled(every[:N], every[:0], D))
-    tangent = np.asarray(assembly.scaled(every[:0], every[:F], D))
+    columns = sp.csc_array(assembly.scaled(np.arange(N), np.arange(F), D)).toarray()
+    normal, tangent = columns[:, :N], columns[:, N:]
     size = np.linalg.norm(normal, axis=0)
     A = np.hstack([normal / size, tangent, -tangent])
     M = np.zeros((N + 3 * F, N + 3 * F))

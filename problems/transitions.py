@@ -17,6 +17,18 @@ MAX_STANDSTILL = 200
 """Events in a row without the time moving on before the simulation gives up."""
 
 
+def past_tip(phi: float, clearance: float) -> bool:
+    """Whether a corner that drift has put inside its edge is kept out of the part by another one.
+
+    Two tips have passed each other then, by the width of the drift, and no corner would ever be
+    inside the other part again, however deep the edges cross.  Such a contact stays active until
+    its own edge keeps the corner out.
+
+    phi : φ against the edge of the contact;  clearance : of the corner, both [m]
+    """
+    return phi < 0.0 < clearance
+
+
 class Transitions(System):
     """A `System` whose contacts come and go, slip, stick and jam."""
 
@@ -105,7 +117,10 @@ class Transitions(System):
             speed = approach_speed(geometry, pose, self.history.v, *place)
             if speed < -self.slowest_approach:
                 hits.append(Hit(0.0, *place))
-            elif speed <= self.options.drop_tol:
+                continue
+            phi = float(geometry.columns_at(pose, np.array([place])).phi[0])
+            outside = float(geometry.clearance(pose, *np.array([place[:2]]).T)[0])
+            if speed <= self.options.drop_tol or past_tip(phi, outside):
                 self.graph.insert(pose, *place)
                 self._sort_frictions(Assembly(self.graph, self.q), self.history.v)
         return hits
@@ -153,9 +168,12 @@ class Transitions(System):
         """
         for i in np.flatnonzero(speed > self.options.drop_tol):
             normal = assembly.normals[i]
-            if normal.row_id in self.graph.normals:
+            if normal.row_id not in self.graph.normals:
+                continue
+            clearance = self._clearance(normal)
+            if not past_tip(assembly.columns.phi[i], clearance):
                 self._log("drop", self._place_name(normal.place))
-                self.graph.remove(normal, self._clearance(normal))
+                self.graph.remove(normal, clearance)
 
     def _sort_frictions(self, assembly: Assembly, v: Vector) -> None:
         """J_FO where |g_Fᵀq̇| ≤ ε, else J_FW with s = −sign(g_Fᵀq̇)."""

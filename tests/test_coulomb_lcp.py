@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.heaps import case
 from problems import newton_coulomb, scene, simulate
+from problems.assembly import Assembly
 from problems.coulomb_lcp import coulomb_multipliers, lemke
+from problems.options import StepperOptions
+from problems.stepper import Stepper
 from solvers import make_solver
 
 
@@ -69,8 +73,7 @@ def test_impulses_whose_passes_cycle_meet_both_laws(number, end, monkeypatch):
     for hit, D, d, lam_N in hard:
         every = np.arange(len(hit.normals))
         rubs = np.arange(len(hit.frictions))
-        normal = np.asarray(hit.scaled(every, every[:0], D))
-        tangent = np.asarray(hit.scaled(every[:0], rubs, D))
+        normal, tangent = hit.scaled(every, rubs[:0], D), hit.scaled(every[:0], rubs, D)
         bound = hit.bound(lam_N)
         lam_F = _resisting(normal @ lam_N + d, tangent, bound)
         u = normal @ lam_N + tangent @ lam_F + d
@@ -78,6 +81,25 @@ def test_impulses_whose_passes_cycle_meet_both_laws(number, end, monkeypatch):
         gap = normal.T @ u
         assert gap.min() >= -1e-7 * size
         assert abs(gap @ lam_N) <= 1e-7 * size * (1 + lam_N.sum())
+
+
+def test_large_sparse_columns_are_taken_too(monkeypatch):
+    """A friction problem whose columns are stored sparse has the answer of the dense one."""
+    stepper = Stepper(
+        scene("tower", bodies=30, mu=0.5),
+        make_solver("lotstedt"),
+        StepperOptions(1e-3, 1e-3, rest_speed=1e-3),
+    )
+    stepper.start()
+    d = stepper.D * np.tile([0.3, -1.0, 0.0], 30)
+    answers = []
+    for most in (0, 10**9):
+        monkeypatch.setattr("problems.assembly.DENSE_ENTRIES", most)
+        hit = Assembly(stepper.graph, stepper.q)
+        assert sp.issparse(hit.scaled(np.arange(1), np.arange(0), stepper.D)) == (most == 0)
+        answers.append(coulomb_multipliers(hit, stepper.D, d))
+    assert answers[0] is not None and answers[0].sum() > 0
+    np.testing.assert_array_equal(*answers)
 
 
 def _resisting(d, tangent, bound):

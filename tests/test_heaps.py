@@ -46,6 +46,14 @@ def test_a_heap_ends_well(number):
     assert outcome.impulses > 0
 
 
+@pytest.mark.parametrize("number", [406, 420])
+def test_tips_that_drift_has_let_pass_each_other_stay_in_contact(number):
+    """No corner is inside the other body then: dropping the contact let their edges cross."""
+    outcome = run_case(case(0, number))
+    assert not outcome.failure, outcome.detail
+    assert outcome.depth < 1.0
+
+
 def test_jams_catch_contacts():
     """Bodies wedged under gains of 1.8: each jam names what has caught, and the run gets on."""
     made = case(0, 1)
