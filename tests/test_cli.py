@@ -202,6 +202,16 @@ def test_bad_input_is_told_in_one_line(
     assert_told(glambda(*arguments), *words)
 
 
+def test_record_takes_a_fixed_step(tmp_path: Path) -> None:
+    done = glambda(
+        "record", "tower,bodies=3", "--fixed-step", 0.005, "--until", 0.02, "-o", tmp_path
+    )
+    assert done.exit_code == 0, done.output
+    recording = read_recording(next(tmp_path.glob("*.h5")))
+    assert recording.parameters["run.fixed_step"] == 0.005
+    assert {qp.h for qp in recording.qps if qp.kind == "step"} == {0.005}
+
+
 def test_bad_recordings_are_told_in_one_line(tmp_path: Path) -> None:
     path = tmp_path / "fake.h5"
     write_recording(path, fake_recording())

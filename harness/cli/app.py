@@ -51,6 +51,9 @@ Friction = Annotated[
 Impulses = Annotated[
     Literal["paper", "newton_coulomb"], typer.Option(help="what friction does in a collision")
 ]
+FixedStep = Annotated[
+    float | None, typer.Option(help="step length [s], without error control; cut only by events")
+]
 DropTol = Annotated[
     float | None, typer.Option(help="speed at which a contact without force is dropped; default: ε")
 ]

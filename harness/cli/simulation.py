@@ -12,6 +12,7 @@ from harness.cli.app import (
     DriftTime,
     DropTol,
     Eps,
+    FixedStep,
     Friction,
     Impulses,
     Sets,
@@ -33,9 +34,7 @@ def simulate(
     solver: Annotated[str, typer.Option(help="drives the simulation")] = "lotstedt",
     eps: Eps = None,
     until: Until = None,
-    fixed_step: Annotated[
-        float | None, typer.Option(help="step length [s], without error control")
-    ] = None,
+    fixed_step: FixedStep = None,
     friction: Friction = "corrected",
     impulses: Impulses = "paper",
     drop_tol: DropTol = None,
@@ -104,6 +103,7 @@ def record(
     settings: Sets = None,
     eps: Eps = None,
     until: Until = None,
+    fixed_step: FixedStep = None,
     friction: Friction = "corrected",
     impulses: Impulses = "paper",
     drop_tol: DropTol = None,
@@ -125,6 +125,7 @@ def record(
     options = {
         "eps": eps,
         "until": until,
+        "fixed_step": fixed_step,
         "friction": friction,
         "impulses": impulses,
         "drop_tol": drop_tol,
