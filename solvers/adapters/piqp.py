@@ -9,6 +9,9 @@ below 1e-14 (with 1e-15 a fifth of the scenes' QPs run into the iteration cap); 
 are 0, but for the gap of large QPs (`Posed.gap_share`).  A degenerate row (x and Δ both 0) is met
 only as √gap, so 1e-7.  In a sequence the data are updated in place, which spares the symbolic
 factorization; no x is carried over.
+
+Every QP here has a solution, but from version 0.7 on PIQP takes large ones for unbounded, by
+`eps_dual_inf`.  Where an accuracy is asked for, it is told not to look.
 """
 
 from __future__ import annotations
@@ -24,6 +27,9 @@ from problems.qp import Status
 from solvers.adapters.forms import Built, Native, Outcome, same_pattern
 from solvers.adapters.programs import Program, ProgramSolver
 from solvers.base import Start
+
+NEVER = 1e-100
+"""Tolerance of certificates that there is no solution; 0 is refused."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +83,9 @@ class PIQP(ProgramSolver):
             settings.eps_duality_gap_abs = posed.gap_tolerance(asked, 1e-14)
             settings.eps_abs = posed.residual_tolerance(asked, 1e-14)
             settings.eps_rel, settings.eps_duality_gap_rel = 0.0, posed.gap_share
+            for certificate in ("eps_primal_inf", "eps_dual_inf"):
+                if hasattr(settings, certificate):
+                    setattr(settings, certificate, NEVER)
         fill(**arrays)
         return Native(posed, solver, arrays)
 
