@@ -40,7 +40,7 @@ from numpy.typing import NDArray
 
 from harness.unit_costs import goes_sparse
 from problems.qp import ContactQP, Vector, positions_of
-from solvers.active_set.sparse_loop import FIRST_SHIFT
+from solvers.active_set.sparse_direction import FIRST_SHIFT
 
 AGES = (1, 2, 3, 5, 8, 12, 18, 25, 40, 60, 100)
 SAMPLES = 24

@@ -23,7 +23,8 @@ from solvers.active_set.sparse_cholesky import (
     solve_L,
     solve_LT,
 )
-from solvers.active_set.sparse_loop import LEAP_AFTER, NOISE, conjugate_gradients
+from solvers.active_set.sparse_direction import NOISE, conjugate_gradients
+from solvers.active_set.sparse_loop import LEAP_AFTER
 from solvers.active_set.sparse_pattern import FEW_ZEROS, Pattern, contact_order, make_pattern
 from solvers.active_set.sparse_workspace import (
     CHANGED,

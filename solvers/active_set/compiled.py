@@ -23,6 +23,7 @@ SOURCES = (
     "sparse_pattern.py",
     "sparse_workspace.py",
     "sparse_cholesky.py",
+    "sparse_direction.py",
     "sparse_loop.py",
     "quiet_steps.py",
 )

@@ -3,8 +3,8 @@
 L is Rᵀ of B_F = Q R.  It is computed by fronts, each from those left of it (Ng and Peyton 1993),
 without pivoting.  The condition of B_F is squared on the way, so that a solve with L alone is not
 accurate; it is the preconditioner of conjugate gradients on the least-squares problem, which lose
-no digits (`sparse_loop`).  Where columns depend on each other, L Lᵀ = B_Fᵀ B_F + shift · 1 is there
-instead.  The places of columns that are not in L hold those of the unit matrix.
+no digits (`sparse_direction`).  Where columns depend on each other, L Lᵀ = B_Fᵀ B_F + shift · 1 is
+there instead.  The places of columns that are not in L hold those of the unit matrix.
 
 A column is taken out of L, or into it, along its path to the root (Davis and Hager 2005).
 

@@ -23,7 +23,7 @@ The steps are those of `method`, with some inner parts exchanged:
 
 from __future__ import annotations
 
-from math import ceil, inf, sqrt
+from math import inf, sqrt
 
 from solvers.active_set.compiled import kernel
 from solvers.active_set.loop import (
@@ -52,21 +52,27 @@ from solvers.active_set.loop import (
     remember_before,
     wrong_sign,
 )
-from solvers.active_set.online_rule import PRICE, forget, iterations_worth, keep_account
+from solvers.active_set.online_rule import forget, keep_account
 from solvers.active_set.sparse_cholesky import (
     add,
-    cholesky,
-    delete_column,
     dot,
-    insert_column,
-    inverse_norm,
-    solve_L,
-    solve_LT,
+)
+from solvers.active_set.sparse_direction import (
+    FIRST_SHIFT,
+    LEAST_SHIFT,
+    MANY,
+    NOISE,
+    conjugate_gradients,
+    direction,
+    factorize,
+    follow,
+    has_todays_L,
+    is_of_this_A,
+    iteration_flops,
 )
 from solvers.active_set.sparse_pattern import SLOTS
 from solvers.active_set.sparse_workspace import (
     IN_F,
-    IN_L,
     KEPT_F,
     KEPT_Z,
     LARGEST_SHIFT,
@@ -76,13 +82,10 @@ from solvers.active_set.workspace import (
     AGE,
     BEFORE,
     CG_ITERATIONS,
-    CG_LIMIT,
     CHANGES,
     COUNTS,
     DIRECTIONS,
     DUE,
-    FACTORIZATION_COST,
-    FACTORIZATION_FLOPS,
     FACTORIZATIONS,
     FLOPS,
     FRESH,
@@ -103,46 +106,22 @@ from solvers.active_set.workspace import (
     REALS,
     REMAINDER,
     RESIDUAL,
-    SEARCH,
     SHIFT,
     STATUS,
-    UPDATES,
     UPPER,
     WRONG,
-    YOUNG,
     P,
-    V,
     X,
-    Y,
     Z,
 )
 
 TODAYS_A = 512
 """Bit of `mode`: L is of today's A, and the least shift will do.  The ridge of a minimum norm is as
 small, so that with an old L p is wrong along what has been the null space, by (angle)²/shift."""
-FIRST_SHIFT, LEAST_SHIFT = 1e-4, 1e-10
-"""Bounds on the shift; columns are of length 1."""
-MANY = 20.0
-"""Iterations on today's L beyond which the next shift is lower, by `LOWERED`, fewer where a new L
-costs less than they do; twice as many, and it is lowered at once."""
-LOWERED = 1e-2
-PER_FLOP, PER_ENTRY, PER_COLUMN = 0.37, 13.0, 83.0
-"""What a factorization takes for each flop, entry and column of L, in units of 1/`PRICE` of an
-iteration's flop; measured.  The online rule, which is about time, counts so; the paper's counts
-flops."""
 LEAP_AFTER, LATER = 30, 4
 """Descent directions after which a leap is tried, and by what factor more after one in vain."""
 LEAPS = 30
 """Sets F that a leap tries."""
-MOST_FACTORS = 8
-"""Factorizations for one direction: an old L's place is taken, the shift lowered from first to
-least, and something to spare."""
-MOST_ITERATIONS = 200
-"""Conjugate gradient iterations of one direction with today's L."""
-ROUGH = 1e-3
-"""Part of the gradient at which p is looked at: if it is blocked, it is not made more accurate."""
-NOISE = 10.0
-"""vᵀy in units of (rounding in Δ)²/shift, below which it may be rounding."""
 TENTH = 0.1
 
 
@@ -226,233 +205,6 @@ def take_gradient(pattern, Bx, S, row):
     x, gradient = S[row], S[GRADIENT]
     for c in range(pattern.order.size):
         gradient[c] = dot(pattern.Bi, Bx, c, x)
-
-
-@kernel
-def factorize(pattern, Bx, Lx, S, I, f):
-    """Today's L of the f columns in F, with the shift that they need.
-
-    Row COUNTS remembers at ORDER the least size of F at which columns were dependent; a smaller F
-    is tried without shift.
-    """
-    inside, kept = I[IN_F], I[IN_L]
-    for c in range(pattern.order.size):
-        kept[c] = inside[c]
-    if f < I[COUNTS, ORDER]:
-        S[REALS, SHIFT] = 0.0
-    flops = cholesky(pattern, Bx, S, I, Lx, S[REALS, SHIFT])
-    if flops < 0:
-        I[COUNTS, ORDER] = f
-        S[REALS, SHIFT] = S[REALS, LARGEST_SHIFT]
-        I[COUNTS, FLOPS] += -1 - flops
-        flops = cholesky(pattern, Bx, S, I, Lx, S[REALS, SHIFT])
-    S[REALS, FACTORIZATION_FLOPS] = flops
-    k = pattern.order.size
-    for c in range(k):
-        for b in range(SLOTS):
-            Bx[k + c, b] = Bx[c, b]
-    S[REALS, FACTORIZATION_COST] = PER_FLOP * flops + PER_ENTRY * pattern.entries + PER_COLUMN * k
-    S[REALS, INVERSE_NORM] = inverse_norm(pattern, S, Lx)
-    I[COUNTS, AGE] = 0
-    I[COUNTS, FACTORIZATIONS] += 1
-    I[COUNTS, FLOPS] += flops + 8 * pattern.entries
-
-
-@kernel
-def follow(pattern, Bx, Lx, S, I, f):
-    """Make L that of the present F: column by column, or anew where that costs less.
-
-    An old L gets the columns of its own time, which are kept past today's in Bx.
-    """
-    inside, kept, change = I[IN_F], I[IN_L], pattern.change
-    k, cost, changes = change.size, 0, 0
-    for c in range(k):
-        if inside[c] != kept[c]:
-            cost += change[c]
-            changes += 1
-    if changes == 0:
-        return
-    sound = cost < S[REALS, FACTORIZATION_FLOPS]
-    if sound:
-        for c in range(k):
-            if kept[c] and not inside[c]:
-                sound = delete_column(pattern, Lx, S, I, c) and sound
-        for c in range(k):
-            if inside[c] and not kept[c]:
-                sound = insert_column(pattern, Bx[k:], Lx, S, I, c, S[REALS, SHIFT]) and sound
-        I[COUNTS, UPDATES] += changes
-        I[COUNTS, FLOPS] += cost
-    if not sound:
-        factorize(pattern, Bx, Lx, S, I, f)
-
-
-@kernel
-def is_of_this_A(Bx, k):
-    """Whether L is that of today's A, be it of another F."""
-    differ = 0
-    for c in range(k):
-        for b in range(SLOTS):
-            differ += Bx[c, b] != Bx[k + c, b]
-    return differ == 0
-
-
-@kernel
-def has_todays_L(I, k):
-    """Whether L is that of today's A and of the present F."""
-    if I[COUNTS, AGE] > 0:
-        return False
-    inside, kept = I[IN_F], I[IN_L]
-    same = True
-    for c in range(k):
-        same = same and inside[c] == kept[c]
-    return same
-
-
-@kernel
-def iteration_flops(pattern, f, m, plain):
-    """C_IT: products with B_F and B_Fᵀ, solves with L and Lᵀ, and the vectors."""
-    k = pattern.order.size
-    products = 4 * pattern.nonzeros * f // max(k, 1)
-    return products + (0 if plain else 4 * pattern.entries) + 4 * m + 10 * f
-
-
-@kernel
-def is_blocked(S, I, k):
-    """Whether z + p is beyond a bound."""
-    z, p, low, high, inside = S[Z], S[P], S[LOWER], S[UPPER], I[IN_F]
-    blocked = False
-    for c in range(k):
-        if inside[c]:
-            blocked = blocked or z[c] + p[c] < low[c] or z[c] + p[c] > high[c]
-    return blocked
-
-
-@kernel
-def conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, noise, limit, plain, bounded=True):
-    """Minimise ‖B_F p + r‖ over p, preconditioned by L Lᵀ, until ‖B_Fᵀ(B_F p + r)‖ ≤ tolerance.
-
-    Row GRADIENT holds Bᵀ r.  p is left in row P, 0 outside F, and B_F p + r in row REMAINDER.
-    A p that will be cut short, if it is `bounded`, need only be roughly right.  Returns the
-    iterations made, as a negative number, −1 − iterations, when `limit` of them were not enough.
-
-    With M⁻¹ = E (L Lᵀ)⁻¹ Eᵀ, E the rows of F, which is positive definite whatever columns L has:
-    v = B_Fᵀ s, y = M⁻¹ v, q := −y + (vᵀy/vᵀy before) q, α = vᵀy/‖B_F q‖² (Björck and Elfving 1979).
-
-    Rounding in v along what is dependent weighs 1/shift in vᵀy, and where that is most of it α is
-    far too long.  So vᵀy at or below `noise` makes for a last step, with q = −y and α = 1, which is
-    iterative refinement.
-    """
-    k = pattern.order.size
-    s, w, p, v = S[REMAINDER], S[FRESH], S[P], S[V]
-    y, q, r, inside, gradient = S[Y], S[SEARCH], S[RESIDUAL], I[IN_F], S[GRADIENT]
-    for i in range(m):
-        s[i] = r[i]
-    for c in range(k):
-        p[c] = 0.0
-        q[c] = 0.0
-    gamma = 1.0
-    rough = 0.0
-    iterations = 0
-    while True:
-        slope = 0.0
-        for c in range(k):
-            along = 0.0
-            if inside[c]:
-                if iterations == 0:
-                    along = gradient[c]
-                else:
-                    along = dot(pattern.Bi, Bx, c, s)
-            v[c] = along
-            y[c] = along
-            slope += along * along
-        if sqrt(slope) <= tolerance:
-            return iterations
-        if iterations >= limit:
-            return -1 - iterations
-        if iterations == 0:
-            rough = ROUGH * sqrt(slope) if bounded else 0.0
-        elif sqrt(slope) <= rough:
-            rough = 0.0
-            if is_blocked(S, I, k):
-                return iterations
-        if not plain:
-            solve_L(pattern, Lx, y)
-            solve_LT(pattern, Lx, y)
-        before, gamma = gamma, 0.0
-        for c in range(k):
-            gamma += v[c] * y[c]
-        last = gamma <= noise
-        ratio = 0.0 if last else gamma / before
-        for i in range(m):
-            w[i] = 0.0
-        for c in range(k):
-            if inside[c]:
-                value = q[c] * ratio - y[c]
-                q[c] = value
-                add(pattern.Bi, Bx, c, value, w)
-        curvature = 0.0
-        for i in range(m):
-            curvature += w[i] * w[i]
-        if curvature == 0.0:
-            return -1 - iterations
-        alpha = 1.0 if last else gamma / curvature
-        for c in range(k):
-            p[c] += alpha * q[c]
-        for i in range(m):
-            s[i] += alpha * w[i]
-        iterations += 1
-        if last:
-            return iterations
-
-
-@kernel
-def direction(pattern, Bx, Lx, S, I, m, f, tolerance, rounding, mode):
-    """Step 3; returns the age of the L that was given up on the way, or 0.
-
-    An old L that needs more iterations than the rule allows is replaced by today's at once: by the
-    paper's, (2 C_QR/C_IT)^½, by the online rule as many as cost what a factorization does.
-    """
-    given_up = 0
-    if mode & SCRATCH and not has_todays_L(I, pattern.order.size):
-        factorize(pattern, Bx, Lx, S, I, f)
-    plain = (mode & NO_R) != 0
-    if not plain:
-        follow(pattern, Bx, Lx, S, I, f)
-    interval = I[COUNTS, INTERVAL] if mode & CUSTOM else 0
-    for _ in range(MOST_FACTORS):
-        todays = has_todays_L(I, pattern.order.size)
-        C_IT = iteration_flops(pattern, f, m, plain)
-        C_QR = S[REALS, FACTORIZATION_COST]
-        many = min(MANY, 2.0 + 2.0 * PRICE * C_QR / C_IT)
-        limit = ceil(sqrt(2.0 * S[REALS, FACTORIZATION_FLOPS] / C_IT))
-        if mode & ONLINE:
-            limit = iterations_worth(S[REALS], C_QR, C_IT)
-        if mode & CUSTOM and S[REALS, CG_LIMIT] >= 0:
-            limit = S[REALS, CG_LIMIT]
-        if plain:
-            limit = 10.0 * f + 100
-        elif todays:
-            limit = 2.0 * many if S[REALS, SHIFT] > LEAST_SHIFT else MOST_ITERATIONS
-        elif interval > 0:
-            limit = MOST_ITERATIONS
-        shift = S[REALS, SHIFT]
-        noise = NOISE * rounding * rounding / shift if shift > 0.0 and not plain else 0.0
-        made = conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, noise, limit, plain)
-        spent = made if made >= 0 else -1 - made
-        I[COUNTS, CG_ITERATIONS] += spent
-        I[COUNTS, FLOPS] += spent * C_IT
-        if todays:
-            S[REALS, YOUNG] = spent
-        lower = todays and spent > many and S[REALS, SHIFT] > LEAST_SHIFT
-        if lower and I[COUNTS, DUE] == 0:
-            S[REALS, SHIFT] = max(LOWERED * S[REALS, SHIFT], LEAST_SHIFT)
-            I[COUNTS, DUE] = 1
-        if made >= 0 or plain or (todays and not lower):
-            break
-        given_up = max(given_up, I[COUNTS, AGE])
-        I[COUNTS, DUE] = 0
-        factorize(pattern, Bx, Lx, S, I, f)
-    return given_up
 
 
 @kernel
