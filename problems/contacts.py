@@ -187,6 +187,16 @@ class Geometry:
         other = int(self.corner_part[corner])
         return int(max(near, key=lambda e: (self.depth_below(pose, part, int(e), other), -e)))
 
+    def past_tip(self, pose: Pose, corner: int, part: int, edge: int) -> bool:
+        """Whether a corner that drift has put inside `edge` is less inside, or outside, of another.
+
+        Two tips have passed each other then, by the width of the drift, or are about to: once
+        another edge keeps the corner out of the part, no corner would ever be inside the other part
+        again, however deep the edges cross.
+        """
+        phi = self.distances(pose, np.array([corner]), np.array([part]))[0]
+        return bool(phi[edge] < min(0.0, phi.max()))
+
     def partner(self, pose: Pose, corner: int, part: int, edge: int, end: int) -> tuple | None:
         """The (corner, part, edge) to which a corner that passed the end of its edge hands over.
 

@@ -17,18 +17,6 @@ MAX_STANDSTILL = 200
 """Events in a row without the time moving on before the simulation gives up."""
 
 
-def past_tip(phi: float, clearance: float) -> bool:
-    """Whether a corner that drift has put inside its edge is kept out of the part by another one.
-
-    Two tips have passed each other then, by the width of the drift, and no corner would ever be
-    inside the other part again, however deep the edges cross.  Such a contact stays active until
-    its own edge keeps the corner out.
-
-    phi : φ against the edge of the contact;  clearance : of the corner, both [m]
-    """
-    return phi < 0.0 < clearance
-
-
 class Transitions(System):
     """A `System` whose contacts come and go, slip, stick and jam."""
 
@@ -118,9 +106,7 @@ class Transitions(System):
             if speed < -self.slowest_approach:
                 hits.append(Hit(0.0, *place))
                 continue
-            phi = float(geometry.columns_at(pose, np.array([place])).phi[0])
-            outside = float(geometry.clearance(pose, *np.array([place[:2]]).T)[0])
-            if speed <= self.options.drop_tol or past_tip(phi, outside):
+            if speed <= self.options.drop_tol or geometry.past_tip(pose, *place):
                 self.graph.insert(pose, *place)
                 self._sort_frictions(Assembly(self.graph, self.q), self.history.v)
         return hits
@@ -166,14 +152,15 @@ class Transitions(System):
 
         λ is not looked at: an interior-point method's is never exactly 0.
         """
-        for i in np.flatnonzero(speed > self.options.drop_tol):
-            normal = assembly.normals[i]
-            if normal.row_id not in self.graph.normals:
-                continue
-            clearance = self._clearance(normal)
-            if not past_tip(assembly.columns.phi[i], clearance):
+        leaving = np.flatnonzero(speed > self.options.drop_tol)
+        if leaving.size == 0:
+            return
+        geometry, pose = self.graph.geometry, self.graph.geometry.pose(self.q)
+        for normal in (assembly.normals[i] for i in leaving):
+            gone = normal.row_id not in self.graph.normals
+            if not (gone or geometry.past_tip(pose, *normal.place)):
                 self._log("drop", self._place_name(normal.place))
-                self.graph.remove(normal, clearance)
+                self.graph.remove(normal, self._clearance(normal))
 
     def _sort_frictions(self, assembly: Assembly, v: Vector) -> None:
         """J_FO where |g_Fᵀq̇| ≤ ε, else J_FW with s = −sign(g_Fᵀq̇)."""

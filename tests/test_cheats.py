@@ -59,9 +59,8 @@ def without_bounds_of_friction(qp: ContactQP, x: Vector) -> Vector:
 
 def without_the_last_row(qp: ContactQP, x: Vector) -> Vector:
     """An easier problem: one contact less."""
-    upper = qp.upper.copy()
-    upper[-1] = qp.lower[-1]
-    return solved(replace(qp, upper=upper))
+    A, d, lower, upper = qp.dense_A, qp.d, qp.lower, qp.upper
+    return np.append(solved(ContactQP(A[:, :-1], d, lower[:-1], upper[:-1])), 0.0)
 
 
 def in_single_precision(qp: ContactQP, x: Vector) -> Vector:
@@ -79,7 +78,9 @@ CHEATS: dict[str, Callable[[ContactQP, Vector], Any]] = {
 } | {
     "signs_turned": lambda qp, x: -x,
     "nothing": lambda qp, x: np.zeros(qp.k),
-    "a_bound": lambda qp, x: np.where(np.isfinite(qp.upper), qp.upper, qp.lower),
+    "a_bound": lambda qp, x: np.nan_to_num(
+        np.where(np.isfinite(qp.upper), qp.upper, qp.lower), neginf=0.0
+    ),
     "everything": lambda qp, x: np.full(qp.k, 1e300),
     "a_little_off": lambda qp, x: x + 1e-4,
     "rounded": lambda qp, x: np.round(x, 3),

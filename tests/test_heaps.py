@@ -46,7 +46,7 @@ def test_a_heap_ends_well(number):
     assert outcome.impulses > 0
 
 
-@pytest.mark.parametrize("number", [406, 420])
+@pytest.mark.parametrize("number", [406, 420, 914])
 def test_tips_that_drift_has_let_pass_each_other_stay_in_contact(number):
     """No corner is inside the other body then: dropping the contact let their edges cross."""
     outcome = run_case(case(0, number))

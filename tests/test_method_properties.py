@@ -113,6 +113,20 @@ def test_the_oracle_agrees(case: Posed) -> None:
             assert_same(qp, solved(qp, variant), oracle.x, accuracy(qp))
 
 
+def test_nearly_dependent_columns() -> None:
+    """A_F with singular values of 1e-7: a small A_Fᵀ r does not make r small, nor other rows."""
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        A = np.outer(rng.standard_normal(5), rng.standard_normal(12))
+        A *= 1 + 1e-6 * rng.standard_normal(A.shape)
+        A[:, :2] = rng.standard_normal((5, 2))
+        lower = np.where(rng.random(12) < 0.2, -INF, rng.uniform(-1.0, 1.0, 12))
+        upper = np.where(rng.random(12) < 0.3, np.maximum(lower, -1.0) + 2.0, INF)
+        qp = ContactQP(A, 300.0 * rng.standard_normal(5), lower, upper)
+        for variant in VARIANTS:
+            solved(qp, variant)
+
+
 # Where it starts does not matter
 
 

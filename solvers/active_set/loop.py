@@ -598,6 +598,7 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
     if mode & CUSTOM and I[COUNTS, PASSES] >= 0:
         passes = I[COUNTS, PASSES]
     refining = inf  # ‖A_Fᵀ r‖ before a full step on the same F; inf where F has changed
+    demanded = False
     status = OUT_OF_PASSES
 
     while True:
@@ -611,7 +612,8 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
         if not fresh:
             aim = max(SHARE * eps0 / S[REALS, INVERSE_NORM], rounding)  # (3.20)
         # a slope that refinement does not halve is rounding
-        if slope > max(aim, rounding * sqrt(f)) and slope < 0.5 * refining:
+        if demanded or (slope > max(aim, rounding * sqrt(f)) and slope < 0.5 * refining):
+            demanded = False
             if passes <= 0:
                 break
             passes -= 1
@@ -649,12 +651,17 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
             I[MARK, j] &= 7
         if worst <= rounding:  # 9.
             S[REALS, WRONG] = left
-            sound = left <= max(SHARE * eps0, 100 * rounding) and rounding < inf
-            if sound or fresh:
+            exact = fresh and (refining < inf or f == 0)
+            passable = 100 if fresh else 2
+            sound = left <= max(SHARE * eps0, passable * rounding) and rounding < inf
+            if sound or exact:
                 status = SOLVED if sound else INACCURATE
                 break
-            # conjugate gradients left rows barred that should move: once more with exact Q and R
-            f, fresh, refining = factorize(S, I, m, mp, f, 0), True, inf
+            # rows are barred that should move: A_Fᵀ r is at rounding, but where A_F is nearly
+            # dependent r is not yet.  A full step by today's Q and R makes r itself small
+            if not fresh:
+                f, fresh = factorize(S, I, m, mp, f, 0), True
+            refining, demanded = inf, f > 0
             for j in range(k):
                 I[MARK, j] = 0
             continue

@@ -192,6 +192,7 @@ def algorithm_2(problem: ScaledQP, start: Start | None, options: Lotstedt) -> Re
     entered, bounced, dismissed = np.zeros((3, k), dtype=bool)
     passes = 50 + 20 * k if options.iteration_limit is None else options.iteration_limit
     refining = inf  # ‖A_Fᵀ r‖ before a full step on the same F; inf where F has changed
+    demanded = False
 
     while True:
         gradient = r @ B  # 7., and the right-hand side of 3.
@@ -202,7 +203,8 @@ def algorithm_2(problem: ScaledQP, start: Start | None, options: Lotstedt) -> Re
         aim = max(SHARE * problem.eps0 / R.inverse_norm, rounding)  # (3.20) and ε₁
         slope = sqrt(gradient[F] @ gradient[F])
         # a slope that refinement does not halve is rounding
-        if slope > max(aim, rounding * sqrt(F.size)) and slope < 0.5 * refining:
+        if demanded or (slope > max(aim, rounding * sqrt(F.size)) and slope < 0.5 * refining):
+            demanded = False
             if passes <= 0:
                 break
             passes -= 1
@@ -229,12 +231,17 @@ def algorithm_2(problem: ScaledQP, start: Start | None, options: Lotstedt) -> Re
         wrong[F] = 0.0
         wrong[bounced | dismissed] = 0.0
         if wrong.max(initial=0.0) <= rounding:  # 9.
-            sound = left <= max(SHARE * problem.eps0, 100 * rounding)
-            if sound or R.Q is not None:
+            exact = R.Q is not None and (refining < inf or F.size == 0)
+            passable = 2 if R.Q is None else 100
+            sound = left <= max(SHARE * problem.eps0, passable * rounding)
+            if sound or exact:
                 status = Status.SOLVED if sound else Status.INACCURATE
                 return Result(z, R, tally, status, f"largest wrong gradient {left:.1e}")
-            # conjugate gradients left rows barred that should move: once more with exact Q and R
-            R, refining = factorize(problem, F, True, tally), inf
+            # rows are barred that should move: A_Fᵀ r is at rounding, but where A_F is nearly
+            # dependent r is not yet.  A full step by today's Q and R makes r itself small
+            if R.Q is None:
+                R = factorize(problem, F, True, tally)
+            refining, demanded = inf, R.columns.size > 0
             bounced[:] = dismissed[:] = False
             continue
         if passes <= 0:
