@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from problems.drift import DRIFT_RULES, DRIFT_TIME, DriftRule
 from problems.friction import FrictionRule
 from problems.impulses import ImpulseRule
+
+StopRule = Literal["located", "held"]
 
 
 @dataclass(frozen=True)
@@ -19,6 +22,8 @@ class StepperOptions:
     drop_tol : separation speed at which a contact is dropped (step 4); default ε
     friction : "corrected" or "paper", see `problems.friction`
     fixed_step : a constant h [s] without error control, cut only by events; None: (3.5)
+    stops : where slip ends: "located", an event, or "held": what would stop within a step may stick
+        for all of it, and the step is not cut
     h_first, h_max : first and largest step [s]
     order : r of AB-r and BDF-r once it has started, 1 or 2
     impulses : "paper" or "newton_coulomb", see `problems.impulses`
@@ -32,6 +37,7 @@ class StepperOptions:
     drop_tol: float
     friction: FrictionRule = "corrected"
     fixed_step: float | None = None
+    stops: StopRule = "located"
     h_first: float = 1e-3
     h_max: float = 0.02
     rest_speed: float = 0.0
@@ -47,6 +53,8 @@ class StepperOptions:
                 raise ValueError(f"{name} = {value!r}; it must be a positive number")
         if self.fixed_step is not None and not 0 < self.fixed_step < np.inf:
             raise ValueError(f"fixed_step = {self.fixed_step!r}; it must be a positive number")
+        if self.stops not in ("located", "held"):
+            raise ValueError(f'stops = {self.stops!r}; choose "located" or "held"')
         if self.impulses not in ("paper", "newton_coulomb"):
             raise ValueError(f'impulses = {self.impulses!r}; choose "paper" or "newton_coulomb"')
         if self.drift not in DRIFT_RULES:

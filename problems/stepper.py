@@ -20,7 +20,9 @@ This differs from the paper, because the text leaves it open or the rule fails a
     the position polynomial before any QP is solved, and also where they are undone by the end of
     the step (`problems.dips`);
  3. the threshold of step 4 is a parameter of its own, `drop_tol`, by default ε;
- 4. with slip → stick, every contact that slips slower than ε sticks with it;
+ 4. with slip → stick, every contact that slips slower than ε sticks with it; with
+    `stops="held"`, for contacts by the thousand, no step is cut there: what would stop within it
+    may stick for all of it;
  5. events at less than `SHORTEST_STEP` are handled where they are, with no step;
  6. corrected friction, see `problems.friction`;
  7. jamming: sliding forces s μ λ with s kept may feed back on λ with a gain ≥ 1, and then no λ
@@ -49,7 +51,7 @@ from problems.multistep import (
     next_length,
     redone_length,
 )
-from problems.options import StepperOptions
+from problems.options import StepperOptions, StopRule
 from problems.qp import Vector
 from problems.quiet import take_quiet_steps
 from problems.run import Run
@@ -84,6 +86,7 @@ def simulate(
     drop_tol: float | None = None,
     friction: FrictionRule = "corrected",
     fixed_step: float | None = None,
+    stops: StopRule = "located",
     h_first: float = 1e-3,
     h_max: float = 0.02,
     rest_speed: float | None = None,
@@ -110,6 +113,7 @@ def simulate(
         drop_tol=eps if drop_tol is None else drop_tol,
         friction=friction,
         fixed_step=fixed_step,
+        stops=stops,
         h_first=h_first,
         h_max=h_max,
         rest_speed=2 * eps if rest_speed is None else rest_speed,
@@ -204,6 +208,10 @@ class Stepper(Transitions):
                 continue
             lengths = self._stopping_lengths(step, signs, slip_before)
             h_stick = lengths.min(initial=np.inf)
+            if h_stick < h and self.options.stops == "held":
+                signs = np.where(lengths < h, 0.0, signs)
+                self._reject()
+                continue
             if h_stick < SHORTEST_STEP:
                 self._reject()
                 self._count_standstill()
@@ -218,7 +226,9 @@ class Stepper(Transitions):
             self._watch_gain(step, signs)
             if known == STUCK:
                 self._jam(step)
-            stopped = [here.frictions[j] for j in np.flatnonzero(lengths <= h)]
+            held = (signs == 0) & ~self._slides(step)
+            ends = [here.frictions[j] for j in np.flatnonzero(held | (lengths <= h))]
+            stopped = [friction for friction in ends if friction.sign != 0]
             self._after_step(step, hits, losses, stopped)
             self._watch_rest()
             return
@@ -333,11 +343,10 @@ class Stepper(Transitions):
         if stopped or losses:
             return
         self._drop_separating(step.assembly, step.gap_speed)
-        for j in np.flatnonzero(step.at_bound):
-            friction, speed = step.assembly.frictions[j], step.slip_speed[j]
-            alive = friction.row_id in self.graph.frictions
-            if alive and friction.sign == 0 and abs(speed) > self.options.eps:
-                friction.sign = -int(np.sign(speed))
+        for j in np.flatnonzero(self._slides(step)):
+            friction = step.assembly.frictions[j]
+            if friction.sign == 0 and friction.row_id in self.graph.frictions:
+                friction.sign = -int(np.sign(step.slip_speed[j]))
                 self._log("stick_to_slip", self._contact_name(friction.contact))
 
     def _after_quiet_steps(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from problems.assembly import Assembly
 from problems.constraint_graph import Friction
@@ -129,16 +130,19 @@ class Transitions(System):
         Where all slide on there was a λ that the passes had not found, and nothing has jumped.
         """
         caught = []
-        for friction, speed, bound in zip(
-            step.assembly.frictions, step.slip_speed, step.at_bound, strict=True
+        for friction, speed, slides in zip(
+            step.assembly.frictions, step.slip_speed, self._slides(step), strict=True
         ):
-            slides_on = bound and abs(speed) > self.options.eps
-            if friction.sign != 0 and not slides_on:
+            if friction.sign != 0 and not slides:
                 caught.append(self._contact_name(friction.contact))
-            friction.sign = -int(np.sign(speed)) if slides_on else 0
+            friction.sign = -int(np.sign(speed)) if slides else 0
         if caught:
             self._log("jam", "; ".join(caught))
             self._restart(0)
+
+    def _slides(self, step: VelocityStep) -> NDArray[np.bool_]:
+        """Which contacts of J_FO slide after all (F,): at their bound, and faster than ε."""
+        return step.at_bound & (np.abs(step.slip_speed) > self.options.eps)
 
     def _watch_gain(self, step: VelocityStep, signs: Vector) -> None:
         """Report a friction gain γ ≥ 1, once per episode."""

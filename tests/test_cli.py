@@ -204,11 +204,13 @@ def test_bad_input_is_told_in_one_line(
 
 def test_record_takes_a_fixed_step(tmp_path: Path) -> None:
     done = glambda(
-        "record", "tower,bodies=3", "--fixed-step", 0.005, "--until", 0.02, "-o", tmp_path
+        *("record", "tower,bodies=3", "--fixed-step", 0.005, "--stops", "held"),
+        *("--until", 0.02, "-o", tmp_path),
     )
     assert done.exit_code == 0, done.output
     recording = read_recording(next(tmp_path.glob("*.h5")))
     assert recording.parameters["run.fixed_step"] == 0.005
+    assert recording.parameters["run.stops"] == "held"
     assert {qp.h for qp in recording.qps if qp.kind == "step"} == {0.005}
 
 

@@ -129,6 +129,29 @@ def test_newton_leaves_the_ground_where_lambda_falls_to_zero():
     np.testing.assert_array_equal(found, [0.0])
 
 
+def test_a_step_is_not_cut_where_stops_are_held():
+    """A box sticks for the whole step in which it would turn: second order all the same."""
+    errors = []
+    for h in (0.02, 0.01, 0.005):
+        run = run_of(one_box(v=(1.0, 0, 0), mu=0.3, end_time=0.4), fixed_step=h, stops="held")
+        np.testing.assert_allclose(np.diff(run.t), h)
+        assert [event.kind for event in run.event_log] == ["slip_to_stick"]
+        np.testing.assert_allclose(run.v[-1], 0.0, atol=1e-12)
+        errors.append(abs(run.q[-1, 0, 0] - 1 / (2 * 0.3 * 9.81)))
+    assert errors[0] > 3 * errors[1] > 9 * errors[2] > 0
+
+
+@pytest.mark.parametrize("family", ["wall", "pyramid"])
+def test_courses_that_slide_to_and_fro_stop_in_a_few_steps_where_stops_are_held(family):
+    """With located events every brick is an event of its own."""
+    run = run_of(scene(family, bodies=30, mu=0.3), fixed_step=1e-3, stops="held", until=0.02)
+    np.testing.assert_allclose(np.diff(run.t), 1e-3)
+    assert run.counts["rejected_steps"] < 40
+    assert np.abs(run.v[0]).max() > 5e-3
+    np.testing.assert_allclose(run.v[-1], 0.0, atol=1e-9)
+    assert np.diff(run.kinetic_energy() + run.potential_energy()).max() <= 1e-9
+
+
 def test_settings_are_checked():
     with pytest.raises(ValueError, match="friction"):
         run_of(one_box(), friction="dry")
@@ -136,6 +159,8 @@ def test_settings_are_checked():
         run_of(one_box(), eps=-1.0)
     with pytest.raises(ValueError, match="fixed_step"):
         run_of(one_box(), fixed_step=0.0)
+    with pytest.raises(ValueError, match="stops"):
+        run_of(one_box(), stops="never")
     with pytest.raises(ValueError, match="until"):
         run_of(one_box(), until=np.nan)
 

@@ -54,6 +54,10 @@ Impulses = Annotated[
 FixedStep = Annotated[
     float | None, typer.Option(help="step length [s], without error control; cut only by events")
 ]
+Stops = Annotated[
+    Literal["located", "held"],
+    typer.Option(help="where slip ends: an event each, or what would stop in a step sticks for it"),
+]
 DropTol = Annotated[
     float | None, typer.Option(help="speed at which a contact without force is dropped; default: ε")
 ]
