@@ -170,6 +170,11 @@ def redone_length(h: float, error: float, eps: float) -> float:
     return max(h / 5, SAFETY * h * sqrt(eps / error)) if error > TOO_MUCH * eps else inf
 
 
+def asked_accuracy(eps: float, iterates: bool) -> float:
+    """ε₀ of (3.13): a tenth of ε, and of that a tenth where passes are repeated."""
+    return (0.01 if iterates else 0.1) * eps
+
+
 def iteration_error(rate: float, change: float, rounding: float) -> float:
     """Bound of what is left to be changed by all further passes (3.14).
 

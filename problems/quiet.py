@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from problems.constraint_graph import ActiveSet
 from problems.contacts import Geometry
+from problems.multistep import asked_accuracy
 from problems.qp import Indices, Solution, Vector
 from problems.run import Multipliers
 
@@ -164,7 +165,7 @@ def _prepare(stepper: System, active: ActiveSet, end: float) -> QuietSteps:
         D=stepper.D,
         # constant on the way, but one may begin or end at t itself
         forces=stepper.force(stepper.q, history.v, 0.5 * (stepper.t + until)),
-        eps0=(0.01 if corrected else 0.1) * options.eps,
+        eps0=asked_accuracy(options.eps, corrected),
         place=active.place,
         friction_of=active.friction_of,
         first=active.first,

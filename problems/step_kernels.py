@@ -17,6 +17,11 @@ FORGET_LEVEL = 1e-6
 END_SLACK = 1e-6
 """How far a corner may pass the end of its edge before it has left it, per edge length."""
 
+STOPPED = 0.01
+"""A contact that slips slower than this, in ε, has stopped."""
+APPROACHING = 10.0
+"""… and an active one that approaches faster than this was not what the QP says."""
+
 
 @kernel
 def path_end(q0, velocity, curvature, h, q=None):

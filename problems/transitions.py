@@ -11,6 +11,7 @@ from problems.events import Hit, SlideOff, approach_speed, successor, touching
 from problems.impulses import solve_impulse
 from problems.qp import Vector
 from problems.sequence import SimulationError
+from problems.step_kernels import APPROACHING, STOPPED
 from problems.system import System
 from problems.velocity import VelocityStep
 
@@ -180,7 +181,7 @@ class Transitions(System):
     def _stopping_lengths(self, step: VelocityStep, signs: Vector, slip_before: Vector) -> Vector:
         """h at which each sliding contact stops (F,), by linear interpolation of g_Fᵀq̇; else ∞.
 
-        A contact that slips slower than 0.01 ε at h has stopped there.
+        A contact that slips slower than `STOPPED` ε at h has stopped there.
         """
         after = step.slip_speed
         lengths = np.full(signs.size, np.inf)
@@ -188,12 +189,12 @@ class Transitions(System):
             return lengths
         turned = (signs != 0) & (slip_before * after < 0)
         lengths[turned] = step.h * slip_before[turned] / (slip_before - after)[turned]
-        lengths[(signs != 0) & (np.abs(after) <= 0.01 * self.options.eps)] = step.h
+        lengths[(signs != 0) & (np.abs(after) <= STOPPED * self.options.eps)] = step.h
         return lengths
 
     def _check_constraints(self, assembly: Assembly, speed: Vector) -> None:
         """g_Nᵀq̇ ≥ 0 must hold at the start of a step, to the accuracy of the QP."""
-        if speed.size and speed.min() < -10 * self.options.eps:
+        if speed.size and speed.min() < -APPROACHING * self.options.eps:
             i = int(np.argmin(speed))
             raise SimulationError(
                 f"t = {self.t:.6g}: {self._place_name(assembly.places[i])} approaches at "

@@ -35,7 +35,7 @@ from problems.friction_kernels import driven_forces, force_change, forced_signs
 from problems.friction_passes import newton_multipliers
 from problems.layout import Layout
 from problems.minimum_norm import least_norm, surely_independent
-from problems.multistep import FIRST_RATE, History, iteration_error
+from problems.multistep import FIRST_RATE, History, asked_accuracy, iteration_error
 from problems.peeling import peels
 from problems.qp import LARGEST, Matrix, Vector
 from problems.sequence import QPSequence
@@ -115,7 +115,7 @@ class VelocityEquations:
         rubs = signs.size > 0
         correct = rubs and self.friction == "corrected"
         iterate = correct or self.velocity_dependent
-        eps0 = (0.01 if iterate else 0.1) * self.eps
+        eps0 = asked_accuracy(self.eps, iterate)
         guess = history.predict(h) if self.velocity_dependent else history.v
         layout = assembly.active.layout(signs)
         entries, bodies = assembly.laid_out(layout)

@@ -15,7 +15,7 @@ import pandas as pd
 from harness.painleve import Approach, Caught, Painleve
 from harness.slide import growth
 from reports.painleve_figure import LOOSE, TIGHT, plot_painleve
-from reports.table import Table, scientific, short, whole, write_page
+from reports.table import Table, power, scientific, short, whole, write_page
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,7 +42,7 @@ def first_table(firsts: pd.DataFrame) -> Table:
     order = list(dict.fromkeys(firsts[keys].itertuples(index=False, name=None)))
     lengths = sorted(data.columns, reverse=True)
     data = data.loc[order, lengths]
-    data.columns = [f"h = {h:.0e}".replace("e-0", "e-") for h in lengths]
+    data.columns = [f"h = {power(h)}" for h in lengths]
     caught = firsts[(firsts["rule"] == "corrected") & (firsts["eps"] == TIGHT)]
     caught = caught[(caught["gain"] >= 1) & (caught["lam"] > 0)]
     paper = firsts[firsts["rule"] == "paper"]

@@ -23,6 +23,7 @@ from reports.style import (
     drawing,
     save,
 )
+from reports.table import power
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -93,12 +94,12 @@ def _draw_catches(axes: Axes, catches: Sequence[Caught]) -> None:
     for run, colour in zip(runs, colours, strict=False):
         axes.semilogx(run.t[1:], run.slip[1:], color=colour, marker=".", markersize=3.5)
         axes.annotate(
-            _power(run.h), (run.end, 0.0), xytext=(0, -10),
+            power(run.h), (run.end, 0.0), xytext=(0, -10),
             textcoords="offset points", ha="center", fontsize=7.5, color=colour,
         )  # fmt: skip
     axes.set_ylim(-0.14, 1.06)
     steps = [run.h for run in runs]
-    axes.set_title(f"slip by the paper's rule, h = {_power(max(steps))} … {_power(min(steps))}")
+    axes.set_title(f"slip by the paper's rule, h = {power(max(steps))} … {power(min(steps))}")
     axes.set_xlabel("t [s]")
     axes.set_ylabel("slip [m/s]")
     axes.grid(True)
@@ -115,13 +116,8 @@ def _draw_approaches(axes: Axes, approaches: Sequence[Approach]) -> None:
     low, high = axes.get_ylim()
     axes.set_ylim(low, max(high, -0.5 * low))
     axes.set_xlim(right=1.02)
-    axes.set_title(f"ways to γ = 1, ε = {_power(finest)}")
+    axes.set_title(f"ways to γ = 1, ε = {power(finest)}")
     axes.set_xlabel("γ")
     axes.set_ylabel("B [m/s²]")
     axes.legend(loc="upper left", ncols=2)
     axes.grid(True)
-
-
-def _power(number: float) -> str:
-    """One digit and an exponent, such as 1e-4."""
-    return f"{number:.0e}".replace("e-0", "e-")

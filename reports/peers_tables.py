@@ -21,7 +21,7 @@ from harness.peers.compare import ABOVE_REFERENCE, TARGETS, cheapest, compared, 
 from harness.peers.tasks import REST_STEP, REST_STEPS
 from reports.findings import join
 from reports.growth import duration
-from reports.table import Table, scientific, times
+from reports.table import Table, power, scientific, times
 
 FREE_FALL = 0.9
 """Share of a free fall beyond which a tower's top is said to fall freely."""
@@ -38,10 +38,10 @@ def least_table(rows: pd.DataFrame, task: str) -> Table:
         line: dict[str, Any] = {"engine": engine}
         for target in TARGETS:
             best = cheapest(own, target)
-            line[_at_most(target)] = np.nan if best is None else best["cpu"]
+            line[f"≤ {power(target)}"] = np.nan if best is None else best["cpu"]
         finest = own.loc[own["error"].idxmin()]
         lines.append({**line, "least error": finest["error"], "by": finest["setting"]})
-    names = [_at_most(target) for target in TARGETS]
+    names = [f"≤ {power(target)}" for target in TARGETS]
     own_error = part["reference_error"].max()
     return Table(
         name=f"peers_least_{_plain(task)}",
@@ -58,10 +58,6 @@ def least_table(rows: pd.DataFrame, task: str) -> Table:
     )
 
 
-def _at_most(target: float) -> str:
-    return f"≤ {target:.0e}".replace("e-0", "e-")
-
-
 def _who_is_cheapest(part: pd.DataFrame, target: float) -> str:
     """A sentence, whoever it flatters."""
     best = {
@@ -69,7 +65,7 @@ def _who_is_cheapest(part: pd.DataFrame, target: float) -> str:
         for engine, own in part.groupby("engine", sort=False)
         if (found := cheapest(own, target)) is not None
     }
-    asked = f"At an error of {_at_most(target)[2:]}"
+    asked = f"At an error of {power(target)}"
     if not best:
         return f"{asked} nobody arrives."
     first = min(best, key=lambda engine: best[engine])

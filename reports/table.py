@@ -139,6 +139,11 @@ def scientific(value: Any) -> str:
     return "0" if number == 0 else f"{number:.1e}"
 
 
+def power(value: float) -> str:
+    """One digit and an exponent, such as 1e-4."""
+    return f"{value:.0e}".replace("e-0", "e-")
+
+
 def times(value: Any) -> str:
     """A ratio such as 3.1×."""
     return f"{short(value)}×"

@@ -58,6 +58,8 @@ from problems.quiet import (
     V,
 )
 from problems.step_kernels import (
+    APPROACHING,
+    STOPPED,
     beyond_edge,
     enters,
     fastest_body,
@@ -135,7 +137,7 @@ def any_at_bound(signs, lam_F, bound):
 def slips_on(signs, slip, new, eps):
     """Whether what slides does so after a step, too, see `Transitions._stopping_lengths`."""
     for j in range(signs.size):
-        if signs[j] != 0.0 and (slip[j] * new[j] < 0.0 or abs(new[j]) <= 0.01 * eps):
+        if signs[j] != 0.0 and (slip[j] * new[j] < 0.0 or abs(new[j]) <= STOPPED * eps):
             return False
     return True
 
@@ -306,5 +308,5 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
             return
         speed = column_speeds(g_N, bodies, v)
         for j in range(N):
-            if speed[j] > reals[DROP_TOL] or speed[j] < -10 * reals[EPS]:
+            if speed[j] > reals[DROP_TOL] or speed[j] < -APPROACHING * reals[EPS]:
                 return
