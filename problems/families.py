@@ -15,7 +15,9 @@ other, alternately to the right and to the left with seeded random speeds betwee
 friction they are at rest after some speed/(μ g), and A stands still: the directions alternate
 because friction that acts one way from course to course would make a tower rock.  A tower with
 friction moves on when it leans (`lean`).  The bodies of a heap start in any direction, and it goes
-on settling.  ``speed=0`` starts from rest.
+on settling.  ``speed=0`` starts from rest.  Under a load that grows with the depth thousands of
+bricks stop within microseconds, one after the other: a wall or pyramid with friction gets beyond
+them with a fixed step and ``stops="held"``.
 
 The same parameters give the same scene on every machine.
 """
