@@ -63,8 +63,8 @@ def _least(qps: QPSequence, qp: ContactQP, x: Vector, coulomb: sp.csr_array) -> 
     force = qp.A @ (x - fixed) / size
     tolerance = SAME_FORCE * float(np.linalg.norm(qp.A @ x)) / size
     rows = coulomb[:0]
-    asked, posed = force, None
-    for _ in range(MAX_SOLVES):
+    asked, posed, before = force, None, np.inf
+    for left in reversed(range(MAX_SOLVES)):
         if posed is None:
             V, lower, upper, row_id = generators(
                 rows, movable, qp.lower / size, qp.upper / size, qp.row_id
@@ -87,10 +87,13 @@ def _least(qps: QPSequence, qp: ContactQP, x: Vector, coulomb: sp.csr_array) -> 
         missing = force - qp.A @ lam
         if rows.shape[0] == 0 and (coulomb @ (lam + fixed / size) < -CONE_TOL).any():
             rows, posed = coulomb[: coulomb.shape[0] // 2], None
-        elif np.linalg.norm(missing) <= tolerance:
+            continue
+        error = float(np.linalg.norm(missing))
+        if error <= tolerance:
             return fixed + size * lam
-        else:
-            asked = asked + missing
+        if error * (error / before) ** left > tolerance:  # at this rate it will not be met
+            return None
+        asked, before = asked + missing, error
     return None
 
 
