@@ -40,7 +40,7 @@ EXPECTED: dict[str, Expected] = {
     ),
     "piqp": Expected(
         {
-            ("fig2", "paper"): 40,
+            ("fig2", "paper"): 42,
             ("fig2", "high"): 58,
             ("fig4", "paper"): 14,
             ("fig4", "high"): 30,

@@ -245,9 +245,9 @@ def forks(qp: ContactQP) -> None:
             _sleep_deaf()
 
 
-@crime("crashed", "left processes of its own behind: 3", at_the_end=True)
+@crime("crashed", r"left processes of its own behind: [1-7]\b", at_the_end=True)
 def forks_forks(qp: ContactQP) -> None:
-    """A bomb, but for its end: 7 processes."""
+    """A bomb, but for its end: 7 processes, all of which may be there when they are counted."""
     us = os.getpid()
     for _ in range(3):
         os.fork()
