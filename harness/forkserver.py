@@ -200,14 +200,17 @@ class Server:
 
     def end_forks(self, pid: int) -> int:
         """Kill what process `pid` has forked, and all orphans; returns how many there were."""
-        children = [child for child, parent in _parents().items() if parent == pid]
-        for child in children:
+        parents, family = _parents(), {pid}
+        while more := {child for child, parent in parents.items() if parent in family} - family:
+            family |= more
+        family.remove(pid)
+        for child in family:
             _kill(child)
-        return len(children) + self.end_orphans()
+        return len(family | self.end_orphans())
 
-    def end_orphans(self) -> int:
-        """Kill orphans of processes, and theirs, until there are none; returns how many."""
-        count = 0
+    def end_orphans(self) -> set[int]:
+        """Kill orphans of processes, and theirs, until there are none; returns which they were."""
+        killed = set()
         while orphans := [
             child
             for child, parent in _parents().items()
@@ -216,8 +219,8 @@ class Server:
             for orphan in orphans:
                 _kill(orphan)
                 os.waitpid(orphan, 0)
-            count += len(orphans)
-        return count
+            killed.update(orphans)
+        return killed
 
     def _become(self, link: socket.socket, task: dict[str, Any]) -> NoReturn:
         """Turn the fork into a live process; it never returns."""

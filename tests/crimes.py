@@ -245,14 +245,18 @@ def forks(qp: ContactQP) -> None:
             _sleep_deaf()
 
 
-@crime("crashed", r"left processes of its own behind: [1-7]\b", at_the_end=True)
+@crime("crashed", "left processes of its own behind: 7", at_the_end=True)
 def forks_forks(qp: ContactQP) -> None:
-    """A bomb, but for its end: 7 processes, all of which may be there when they are counted."""
+    """A bomb, but for its end: 7 processes, all of which are there when it goes on."""
     us = os.getpid()
+    heard, said = os.pipe()
     for _ in range(3):
         os.fork()
     if os.getpid() != us:
+        os.write(said, b".")
         _sleep_deaf()
+    for _ in range(7):
+        os.read(heard, 1)
 
 
 @crime("crashed", "left processes of its own behind: 1", at_the_end=True)
