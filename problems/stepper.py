@@ -177,7 +177,7 @@ class Stepper(Transitions):
         known = self.lam_known
         h_full = self._step_length()
         h = min(h_full, min([*self.scheduled(), end]) - self.t)
-        unsettled = redone = stops = 0
+        unsettled = redone = located = 0
         for _ in range(MAX_TRIES):
             arrival, hits, losses = look_ahead(self.graph, path, h, self.slowest_approach)
             if hits or losses:
@@ -218,8 +218,8 @@ class Stepper(Transitions):
                 self._stick([here.frictions[j] for j in np.flatnonzero(lengths <= h_stick)])
                 return
             if h_stick < h * (1 - 1e-6):
-                stops += 1
-                h = h_stick if stops < STOP_TRIALS else min(h_stick, h / 2)
+                located += 1
+                h = h_stick if located < STOP_TRIALS else min(h_stick, h / 2)
                 self._reject()
                 continue
             self._accept(step, arrival, h_full)

@@ -11,7 +11,7 @@ import numpy as np
 from problems.assembly import Assembly
 from problems.bodies import mass_diagonal
 from problems.constraint_graph import ConstraintGraph, Contact, Normal
-from problems.contacts import Geometry
+from problems.contacts import Geometry, Pose
 from problems.drift import correction
 from problems.forces import Force
 from problems.gain import GainWatch
@@ -122,10 +122,9 @@ class System:
     def _log(self, kind: str, detail: str) -> None:
         self.event_log.append(Event(self.t, kind, detail))
 
-    def _clearance(self, normal: Normal) -> float:
-        geometry = self.graph.geometry
+    def _clearance(self, pose: Pose, normal: Normal) -> float:
         one = np.array([normal.corner]), np.array([normal.part])
-        return float(geometry.clearance(geometry.pose(self.q), *one)[0])
+        return float(self.graph.geometry.clearance(pose, *one)[0])
 
     def _body_name(self, body: int) -> str:
         return f"body {body + 1}" if body >= 0 else "the ground"

@@ -100,7 +100,7 @@ class Transitions(System):
         for normal in (loss.normal for loss in losses if loss.normal.row_id in self.graph.normals):
             self._log("slide_off", self._place_name(normal.place))
             place = successor(geometry, pose, normal)
-            self.graph.remove(normal, self._clearance(normal))
+            self.graph.remove(normal, self._clearance(pose, normal))
             self._restart(1)
             if place is None or place[:2] in {normal.place[:2] for normal in self.graph.active()}:
                 continue
@@ -165,7 +165,7 @@ class Transitions(System):
             gone = normal.row_id not in self.graph.normals
             if not (gone or geometry.past_tip(pose, *normal.place)):
                 self._log("drop", self._place_name(normal.place))
-                self.graph.remove(normal, self._clearance(normal))
+                self.graph.remove(normal, self._clearance(pose, normal))
 
     def _sort_frictions(self, assembly: Assembly, v: Vector) -> None:
         """J_FO where |g_Fᵀq̇| ≤ ε, else J_FW with s = −sign(g_Fᵀq̇)."""
