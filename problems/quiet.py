@@ -33,9 +33,12 @@ TIME, H, WISH = range(3)
 # … and what the stepper is set to
 EPS, DROP_TOL, H_MAX, FIXED, REST_SPEED, UNTIL, REACH, CONTACT_TOL = range(3, 11)
 # entries of `QuietSteps.counts`: steps since the last restart, steps taken, QPs solved, highest
-# order, whether the candidates have to be listed anew, time points with λ, corrected friction,
-# steps rejected because their error turned out too large, whether nothing happens at UNTIL
-STEPS, TAKEN, SOLVES, HIGHEST, STALE, KNOWN, CORRECTED, REJECTED, OPEN = range(9)
+# order, why there were no more, time points with λ, corrected friction, steps rejected because
+# their error turned out too large, whether nothing happens at UNTIL
+STEPS, TAKEN, SOLVES, HIGHEST, ENDED, KNOWN, CORRECTED, REJECTED, OPEN = range(9)
+# values of `counts[ENDED]`: the next step is the stepper's, it has to look at the last one first,
+# the candidates have to be listed anew, redundant contacts with friction
+EVENT, LOOK, STALE, REDUNDANT = range(4)
 
 
 class Shapes(NamedTuple):
@@ -118,34 +121,47 @@ def read_only(array: NDArray[Any]) -> NDArray[Any]:
     return view
 
 
-def quiet_solver(stepper: System) -> TakesQuietSteps | None:
-    """The solver of a simulation, if quiet steps may be left to it."""
-    solver = stepper.qps.solver
-    able = hasattr(solver, "take_quiet_steps") and not stepper.qps.keep
-    able &= stepper.options.drift == "none" and not stepper.varying
-    return solver if able else None  # type: ignore[return-value]
+class Quiet:
+    """Leaves the quiet steps of a stepper to its solver, unless it is known to take none."""
 
+    def __init__(self, stepper: System) -> None:
+        solver: Any = stepper.qps.solver
+        able = hasattr(solver, "take_quiet_steps") and not stepper.qps.keep
+        able &= stepper.options.drift == "none" and not stepper.varying
+        self.solver: TakesQuietSteps | None = solver if able else None
+        self._event_is_next = False
+        self._redundant: ActiveSet | None = None
 
-def take_quiet_steps(stepper: System, solver: TakesQuietSteps, end: float) -> bool:
-    """Let `solver` take steps from here to `end` [s]; whether it took any.
+    def take_steps(self, stepper: System, end: float) -> bool:
+        """Let the solver take steps from here to `end` [s]; whether it took any.
 
-    The stepper is left as it is after the last of them, before step 4.
-    """
-    active, taken = stepper.graph.active_set(), 0
-    while True:
-        run = _prepare(stepper, active, end)
-        solution = solver.take_quiet_steps(run, stepper.qps.start())
-        if solution is None:
-            return taken > 0
-        steps = int(run.counts[TAKEN])
-        rejected = int(run.counts[REJECTED])
-        stepper.qps.went_on(solution, steps + rejected)
-        stepper.counts["rejected_steps"] += rejected
-        if steps:
-            _follow(stepper, run, active, steps)
-        taken += steps
-        if not run.counts[STALE]:
-            return taken > 0
+        The stepper is left as it is after the last of them, before step 4.
+        """
+        active = stepper.graph.active_set()
+        if self.solver is None or not self._may_take_any(stepper, active):
+            return False
+        taken, ended = 0, STALE
+        while ended == STALE:
+            run = _prepare(stepper, active, end)
+            solution = self.solver.take_quiet_steps(run, stepper.qps.start())
+            steps, rejected, ended = run.counts[[TAKEN, REJECTED, ENDED]].tolist()
+            if solution is not None:
+                stepper.qps.went_on(solution, steps + rejected)
+                stepper.counts["rejected_steps"] += rejected
+            if steps:
+                _follow(stepper, run, active, steps)
+            taken += steps
+        self._event_is_next = taken > 0 and ended != LOOK
+        self._redundant = active if ended == REDUNDANT else None
+        return taken > 0
+
+    def _may_take_any(self, stepper: System, active: ActiveSet) -> bool:
+        event, self._event_is_next = self._event_is_next, False
+        if event or active is self._redundant:
+            return False
+        # the bounds of friction follow from λ of the last time point
+        bounded = stepper.options.friction != "corrected" or any(f.sign for f in active.frictions)
+        return stepper.lam_known > 0 or not active.frictions or not bounded
 
 
 def _prepare(stepper: System, active: ActiveSet, end: float) -> QuietSteps:
@@ -194,7 +210,7 @@ def _prepare(stepper: System, active: ActiveSet, end: float) -> QuietSteps:
         ),
         counts=np.array(
             [
-                *(history.steps, 0, 0, history.highest, 0),
+                *(history.steps, 0, 0, history.highest, EVENT),
                 *(stepper.lam_known, int(corrected), 0, int(until == end)),
             ]
         ),

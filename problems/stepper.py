@@ -53,7 +53,6 @@ from problems.multistep import (
 )
 from problems.options import StepperOptions, StopRule
 from problems.qp import Vector
-from problems.quiet import take_quiet_steps
 from problems.run import Run
 from problems.scenes import Scene
 from problems.sequence import SimulationError, SolvesQPs
@@ -166,7 +165,7 @@ class Stepper(Transitions):
 
     def advance(self, end: float) -> None:
         """One accepted step, some quiet ones, or one event where no time passes."""
-        if self._quiet is not None and take_quiet_steps(self, self._quiet, end):
+        if self._quiet.take_steps(self, end):
             self._after_quiet_steps()
             return
         here, gap_speed, slip_before = self._here()

@@ -18,7 +18,7 @@ from problems.gain import GainWatch
 from problems.multistep import SHORTEST_STEP, History
 from problems.options import StepperOptions
 from problems.qp import Vector
-from problems.quiet import Shapes, quiet_solver
+from problems.quiet import Quiet, Shapes
 from problems.run import NO_MULTIPLIERS, Event, Multipliers, Run
 from problems.scenes import Scene
 from problems.sequence import QPSequence, SolvesQPs
@@ -69,7 +69,7 @@ class System:
         self.rest_since = np.inf
         self.states: list[tuple[float, Vector, Vector, Multipliers, float]] = []
         self.shapes = Shapes.of(self.graph.geometry)
-        self._quiet = quiet_solver(self)
+        self._quiet = Quiet(self)
 
     def force(self, q: Vector, v: Vector, t: float) -> Vector:
         """f(q, q̇, t) of (2.1), (3n,); those that are constant between jumps are summed once."""

@@ -79,6 +79,24 @@ def test_most_steps_of_a_quiet_motion_are_left_to_the_solver(monkeypatch):
     assert len(alone) < 0.1 * run.counts["steps"]
 
 
+@pytest.mark.parametrize(("name", "in_vain"), [("fig2", 0.0), ("fig5", 0.4)])
+def test_the_solver_is_not_asked_where_it_is_known_to_take_no_steps(name, in_vain, monkeypatch):
+    from problems.quiet import TAKEN
+    from solvers.active_set.method import Lotstedt
+
+    taken, take = [], Lotstedt.take_quiet_steps
+
+    def watched(self, run, start):
+        solution = take(self, run, start)
+        taken.append(int(run.counts[TAKEN]))
+        return solution
+
+    monkeypatch.setattr(Lotstedt, "take_quiet_steps", watched)
+    simulate(scene(name), make_solver("lotstedt"), until=0.7, keep_qps=False)
+    # a collision, a restart and redundant contacts are seen coming; a pass of friction is not
+    assert taken.count(0) <= in_vain * len(taken)
+
+
 def test_a_solver_without_compiled_steps_goes_step_by_step():
     runs = [
         simulate(scene("fig2"), make_solver("daqp"), until=0.2, keep_qps=keep)

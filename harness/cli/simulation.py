@@ -66,7 +66,8 @@ def simulate(
     picture = output_file(plot, (".png", ".svg", ".pdf"), "--plot")
     film = output_file(animate, (".gif",), "--animate")
     name, parameters = parse_label(scene)
-    made = make_scene(name, **{**parameters, **parse_settings(settings or [])})
+    with shown(f"make {scene}", terminal(err=True)):  # a large heap takes half a minute
+        made = make_scene(name, **{**parameters, **parse_settings(settings or [])})
     end = made.end_time if until is None else until
     with shown(f"simulate {made.label}", terminal(err=True)) as tell:
         run = run_scene(
@@ -168,7 +169,8 @@ def recorded(
 
     named = [parse_label(label) for label in labels or PAPER_SCENES]
     extra = parse_settings(settings or [])
-    made = [make_scene(name, **{**parameters, **extra}) for name, parameters in named]
+    with shown("make scenes", terminal(err=True)):
+        made = [make_scene(name, **{**parameters, **extra}) for name, parameters in named]
     paths = [
         folder / f"{recording_label(each, options.get('friction', 'corrected'))}.h5"
         for each in made

@@ -35,13 +35,17 @@ from problems.quiet import (
     CONTACT_TOL,
     CORRECTED,
     DROP_TOL,
+    ENDED,
     EPS,
+    EVENT,
     FIXED,
     H_MAX,
     HIGHEST,
     KNOWN,
+    LOOK,
     OPEN,
     REACH,
+    REDUNDANT,
     REJECTED,
     REST_SPEED,
     SOLVES,
@@ -187,14 +191,12 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
     for j in range(F):
         if signs[j] * slip[j] > 0.0:
             return
-    spring = F > 0 and not (counts[CORRECTED] and sticking.size == F)
     longest, redone = inf, 0
     while counts[TAKEN] < gaps.size:
+        counts[ENDED] = EVENT
         steps = counts[STEPS]
         order = 1 if steps < 2 else counts[HIGHEST]
         h = wish = min(step_length(state, reals, steps, order, D), longest)
-        if spring and counts[KNOWN] == 0:
-            return
         if reals[TIME] + h >= reals[UNTIL]:
             h = reals[UNTIL] - reals[TIME]
             if not counts[OPEN] or h <= SHORTEST_STEP:
@@ -206,7 +208,8 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
             b[i] = newest * state[V, i] - oldest * state[V_BEFORE, i]
         path_end(state[Q], state[V], bend, h, q)
         if not largest_motion(run.listed_at, q, shapes.radius) <= reals[REACH]:
-            counts[STALE] = min(counts[TAKEN], 1)
+            if counts[TAKEN] > 0:
+                counts[ENDED] = STALE
             return
         pose = place_corners(q, shapes.corner_body, shapes.corner_local)
         after = clearances(*pose, corner, part, *edges)
@@ -248,6 +251,7 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
         if k > 0:  # (3.2), (4.6)
             dense_columns(entries, pairs, D, A_written)
             if F > 0 and not far_from_dependent(A_written, SAFE_FRACTION):
+                counts[ENDED] = REDUNDANT
                 return
             algorithm_2(A_posed, d_posed, lower_posed, upper_posed, run.row_id, S, I, eps0, mode)
             mode |= WARM
@@ -285,6 +289,7 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
                 return
             slip = new_slip
         # accepted
+        counts[ENDED] = LOOK
         go_on(state, q, v, a)
         sink_levels(after, free, level)
         before = after
