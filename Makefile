@@ -12,7 +12,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-FRICTION := results/recordings/fig4.h5 results/recordings/fig5.h5
+SCENES := $(patsubst %,results/recordings/%.h5,fig2 fig3 fig4 fig5)
+FRICTION := $(filter %fig4.h5 %fig5.h5,$(SCENES))
 
 .PHONY: study quick publish campaigns peers growth bench test lint clean
 
@@ -31,7 +32,7 @@ publish: study campaigns growth
 	$(BIN)/glambda record heap --set bodies=20 --until 0.1 -o results/families
 	$(BIN)/glambda record tower --set bodies=40 --set mu=0.5 --until 0.3 -o results/families
 	$(BIN)/glambda record wall --set bodies=12 --set mu=0.3 --until 0.1 -o results/families
-	$(BIN)/glambda criterion results/recordings/*.h5 results/families/*.h5 \
+	$(BIN)/glambda criterion $(SCENES) results/families/*.h5 \
 	  -o reports/published/criterion
 	mkdir reports/published/growth
 	cp results/growth/growth* reports/published/growth

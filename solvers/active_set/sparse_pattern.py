@@ -5,7 +5,7 @@ fill-reducing order of the contacts its Cholesky factor L, which is Rᵀ of A_F 
 
     1. contacts between the same two bodies have the same neighbours and stay together;
     2. these groups are put in order by minimum degree on the contact graph (SuperLU's);
-    3. the pattern of L follows by merging columns along the elimination tree, which is then put in
+    3. the pattern of L follows from walks up the elimination tree (Liu 1986), which is then put in
        postorder (George and Liu 1981);
     4. columns that follow each other with the same rows, or nearly so, become a front: a dense
        block of L (Ashcraft and Grimes 1989).
@@ -96,13 +96,12 @@ def same(kept, given):
 
 def make_pattern(A: sp.csc_array) -> Pattern:
     """Order the columns of A (m, k) and find the pattern of L."""
-    m, k = A.shape
+    m = A.shape[0]
     indptr, indices = np.array(A.indptr, dtype=np.int32), np.array(A.indices, dtype=np.int32)
     order = contact_order(m, indptr, indices)
-    ones = sp.csc_array((np.ones(indices.size, np.int64), indices, indptr), shape=(m, k))
-    Lp, Li = fill(*neighbours(ones[:, order]))
+    Lp, Li = fill(*neighbours(m, order, indptr, indices, True))
     order = order[postorder(Lp, Li)]
-    Gp, Gi = neighbours(ones[:, order])
+    Gp, Gi = neighbours(m, order, indptr, indices, True)
     Lp, Li = fill(Gp, Gi)
     first = fronts(Lp, Li, FEW_ZEROS)
     Rp, Ri = rows_of_fronts(first, Lp, Li)
@@ -132,12 +131,12 @@ def contact_order(m: int, indptr: Places, indices: Places) -> Indices:
     label = np.random.default_rng(0).integers(1, 2**62, m + 1, dtype=np.int64).astype(np.uint64)
     total = np.concatenate([[0], np.cumsum(label[indices], dtype=np.uint64)]).astype(np.uint64)
     _, first, group = np.unique(np.diff(total[indptr]), return_index=True, return_inverse=True)
-    ones = sp.csc_array((np.ones(indices.size), indices, indptr), shape=(m, k))
-    members = ones[:, first]
-    graph = sp.csc_array(members.T @ members)
-    graph.setdiag(2.0 * graph.sum(axis=0) + 1.0)  # dominant, so that no pivot is moved
+    Gp, Gi = neighbours(m, first, indptr, indices, False)
+    degree = np.diff(Gp)
+    own = Gi == np.repeat(np.arange(first.size), degree)
+    values = np.where(own, 2.0 * degree.max(), 1.0)  # dominant, so that no pivot is moved
     place = splu(
-        sp.csc_matrix(graph),
+        sp.csc_matrix((values, Gi, Gp), shape=(first.size, first.size)),
         permc_spec="MMD_AT_PLUS_A",
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
@@ -145,11 +144,42 @@ def contact_order(m: int, indptr: Places, indices: Places) -> Indices:
     return np.argsort(place[group.ravel()], kind="stable")
 
 
-def neighbours(ones: sp.csc_array) -> tuple[Places, Places]:
-    """Gp (k + 1,), Gi: the columns past c, rising, that share a row with c."""
-    graph = sp.csc_array(sp.tril(sp.csc_array(ones.T @ ones), -1))
-    graph.sort_indices()
-    return graph.indptr.astype(np.int32), graph.indices.astype(np.int32)
+@kernel
+def neighbours(m, columns, indptr, indices, past):
+    """Gp (p + 1,), Gi: of p columns of A, numbered as listed, those that share a row with each.
+
+    They rise.  past : only those past it, else all and the column itself
+    """
+    p = columns.size
+    begin = np.zeros(m + 1, np.int32)
+    for c in columns:
+        for l in range(indptr[c], indptr[c + 1]):
+            begin[indices[l] + 1] += 1
+    for i in range(m):
+        begin[i + 1] += begin[i]
+    having, at = np.empty(begin[m], np.int32), begin[:-1].copy()  # columns that have each row
+    for place in range(p):
+        for l in range(indptr[columns[place]], indptr[columns[place] + 1]):
+            having[at[indices[l]]] = place
+            at[indices[l]] += 1
+    Gp, Gi = np.zeros(p + 1, np.int32), np.empty(0, np.int32)
+    seen, at = np.empty(p, np.int32), np.zeros(p, np.int32)
+    for counted in (False, True):
+        if counted:
+            for place in range(p):
+                Gp[place + 1] = Gp[place] + at[place]
+            at[:], Gi = Gp[:-1], np.empty(Gp[p], np.int32)
+        seen[:] = -1
+        for place in range(p):  # joins the lists of the others, so that these rise
+            for l in range(indptr[columns[place]], indptr[columns[place] + 1]):
+                for h in range(begin[indices[l]], begin[indices[l] + 1]):
+                    other = having[h]
+                    if seen[other] != place and (other < place or not past):
+                        seen[other] = place
+                        if counted:
+                            Gi[at[other]] = place
+                        at[other] += 1
+    return Gp, Gi
 
 
 def padded_rows(m: int, order: Indices, indptr: Places, indices: Places) -> Places:
@@ -165,44 +195,47 @@ def padded_rows(m: int, order: Indices, indptr: Places, indices: Places) -> Plac
 def fill(Gp, Gi):
     """Lp (k + 1,), Li: the rows of every column of L, rising, the diagonal first.
 
-    The rows of column c are its neighbours past c and those of its children in the elimination
-    tree; the parent of a column is its first row below the diagonal.
+    Row c of L has the columns on the paths of the elimination tree that lead from its neighbours
+    before c towards c (Liu 1986).
     """
     k = Gp.size - 1
-    Lp = np.zeros(k + 1, np.int64)
-    Li = np.empty(max(16, 4 * Gi.size), np.int32)
-    seen = np.full(k, -1, np.int64)
-    child, sibling = np.full(k, -1, np.int64), np.full(k, -1, np.int64)
-    end = 0
+    begin = np.zeros(k + 1, np.int64)
+    for g in Gi:
+        begin[g + 1] += 1
     for c in range(k):
-        if Li.size < end + k - c:
-            longer = np.empty(2 * Li.size + k, np.int32)
-            longer[:end] = Li[:end]
-            Li = longer
-        begin = end
-        Li[end] = c
-        end += 1
-        seen[c] = c
+        begin[c + 1] += begin[c]
+    before, at = np.empty(Gi.size, np.int32), begin[:-1].copy()
+    for c in range(k):
         for g in range(Gp[c], Gp[c + 1]):
-            seen[Gi[g]] = c
-            Li[end] = Gi[g]
-            end += 1
-        below = child[c]
-        while below >= 0:
-            for l in range(Lp[below] + 1, Lp[below + 1]):
-                row = Li[l]
-                if seen[row] != c:
-                    seen[row] = c
-                    Li[end] = row
-                    end += 1
-            below = sibling[below]
-        Li[begin:end].sort()
-        if end > begin + 1:
-            parent = Li[begin + 1]
-            sibling[c] = child[parent]
-            child[parent] = c
-        Lp[c + 1] = end
-    return Lp, Li[:end].copy()
+            before[at[Gi[g]]] = c
+            at[Gi[g]] += 1
+    parent, seen = np.full(k, -1, np.int64), np.full(k, -1, np.int64)
+    Lp, Li, at = np.zeros(k + 1, np.int64), np.empty(0, np.int32), np.ones(k, np.int64)
+    for c in range(k):
+        seen[c] = c
+        for b in range(begin[c], begin[c + 1]):
+            node = before[b]
+            while seen[node] != c:
+                if parent[node] < 0:
+                    parent[node] = c
+                seen[node] = c
+                at[node] += 1
+                node = parent[node]
+    for c in range(k):
+        Lp[c + 1] = Lp[c] + at[c]
+    at[:], seen[:], Li = Lp[:-1], -1, np.empty(Lp[k], np.int32)
+    for c in range(k):
+        Li[at[c]] = c
+        at[c] += 1
+        seen[c] = c
+        for b in range(begin[c], begin[c + 1]):
+            node = before[b]
+            while seen[node] != c:
+                seen[node] = c
+                Li[at[node]] = c
+                at[node] += 1
+                node = parent[node]
+    return Lp, Li
 
 
 @kernel
