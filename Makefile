@@ -2,7 +2,7 @@
 # make campaigns  starts, accuracies and forms, beside a study: more sections of its page
 # make publish study, campaigns, criterion and growth, and what they report into reports/published
 # make peers   other physics engines, which it installs, and ours: reports/published/peers
-# make growth  time per QP against its size, up to 20,000 columns: results/growth/growth.md
+# make growth  time per QP against its size, up to 20,000 columns: results/growth, …/growth_piles
 # make bench   work counts against the committed baseline, then times as ratios
 # make test    all tests
 # Each makes the virtual environment .venv first if it is missing; Python 3.11 or newer is needed.
@@ -34,8 +34,9 @@ publish: study campaigns growth
 	$(BIN)/glambda record wall --set bodies=12 --set mu=0.3 --until 0.1 -o results/families
 	$(BIN)/glambda criterion $(SCENES) results/families/*.h5 \
 	  -o reports/published/criterion
-	mkdir reports/published/growth
+	mkdir reports/published/growth reports/published/growth_piles
 	cp results/growth/growth* reports/published/growth
+	cp results/growth_piles/growth* reports/published/growth_piles
 	$(BIN)/glambda stability -o reports/published/stability
 	$(BIN)/glambda painleve -o reports/published/painleve
 	$(BIN)/glambda convergence -o reports/published/convergence
@@ -64,6 +65,8 @@ peers: $(INSTALLED)
 
 growth: $(INSTALLED)
 	$(BIN)/glambda growth --limit 0.2 -o results/growth
+	$(BIN)/glambda growth pyramid heap,mu=0.0 --bodies 20,225,500 --limit 0.05 \
+	  --solvers lotstedt,clarabel,daqp,osqp,piqp,proxqp -o results/growth_piles
 
 bench: $(INSTALLED)
 	$(BIN)/python benchmarks/work_counts.py
