@@ -12,8 +12,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-SCENES := $(patsubst %,results/recordings/%.h5,fig2 fig3 fig4 fig5)
-FRICTION := $(filter %fig4.h5 %fig5.h5,$(SCENES))
+FRICTION := results/recordings/fig4.h5 results/recordings/fig5.h5
+SCENES := results/recordings/fig2.h5 results/recordings/fig3.h5 $(FRICTION)
 
 .PHONY: study quick publish campaigns peers growth bench test lint clean
 

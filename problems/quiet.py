@@ -137,8 +137,10 @@ class Quiet:
 
         The stepper is left as it is after the last of them, before step 4.
         """
+        if self.solver is None:
+            return False
         active = stepper.graph.active_set()
-        if self.solver is None or not self._may_take_any(stepper, active):
+        if not self._may_take_any(stepper, active):
             return False
         taken, ended = 0, STALE
         while ended == STALE:

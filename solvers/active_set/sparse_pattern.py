@@ -145,23 +145,30 @@ def contact_order(m: int, indptr: Places, indices: Places) -> Indices:
 
 
 @kernel
-def neighbours(m, columns, indptr, indices, past):
-    """Gp (p + 1,), Gi: of p columns of A, numbered as listed, those that share a row with each.
-
-    They rise.  past : only those past it, else all and the column itself
-    """
-    p = columns.size
+def columns_of_rows(m, columns, indptr, indices):
+    """begin (m + 1,), found: of the listed columns, which have each row, by their place, rising."""
     begin = np.zeros(m + 1, np.int32)
     for c in columns:
         for l in range(indptr[c], indptr[c + 1]):
             begin[indices[l] + 1] += 1
     for i in range(m):
         begin[i + 1] += begin[i]
-    having, at = np.empty(begin[m], np.int32), begin[:-1].copy()  # columns that have each row
-    for place in range(p):
+    found, at = np.empty(begin[m], np.int32), begin[:-1].copy()
+    for place in range(columns.size):
         for l in range(indptr[columns[place]], indptr[columns[place] + 1]):
-            having[at[indices[l]]] = place
+            found[at[indices[l]]] = place
             at[indices[l]] += 1
+    return begin, found
+
+
+@kernel
+def neighbours(m, columns, indptr, indices, past):
+    """Gp (p + 1,), Gi: of p columns of A, numbered as listed, those that share a row with each.
+
+    They rise.  past : only those past it, else all and the column itself
+    """
+    p = columns.size
+    begin, having = columns_of_rows(m, columns, indptr, indices)
     Gp, Gi = np.zeros(p + 1, np.int32), np.empty(0, np.int32)
     seen, at = np.empty(p, np.int32), np.zeros(p, np.int32)
     for counted in (False, True):
@@ -199,42 +206,30 @@ def fill(Gp, Gi):
     before c towards c (Liu 1986).
     """
     k = Gp.size - 1
-    begin = np.zeros(k + 1, np.int64)
-    for g in Gi:
-        begin[g + 1] += 1
-    for c in range(k):
-        begin[c + 1] += begin[c]
-    before, at = np.empty(Gi.size, np.int32), begin[:-1].copy()
-    for c in range(k):
-        for g in range(Gp[c], Gp[c + 1]):
-            before[at[Gi[g]]] = c
-            at[Gi[g]] += 1
-    parent, seen = np.full(k, -1, np.int64), np.full(k, -1, np.int64)
-    Lp, Li, at = np.zeros(k + 1, np.int64), np.empty(0, np.int32), np.ones(k, np.int64)
-    for c in range(k):
-        seen[c] = c
-        for b in range(begin[c], begin[c + 1]):
-            node = before[b]
-            while seen[node] != c:
-                if parent[node] < 0:
-                    parent[node] = c
-                seen[node] = c
-                at[node] += 1
-                node = parent[node]
-    for c in range(k):
-        Lp[c + 1] = Lp[c] + at[c]
-    at[:], seen[:], Li = Lp[:-1], -1, np.empty(Lp[k], np.int32)
-    for c in range(k):
-        Li[at[c]] = c
-        at[c] += 1
-        seen[c] = c
-        for b in range(begin[c], begin[c + 1]):
-            node = before[b]
-            while seen[node] != c:
-                seen[node] = c
-                Li[at[node]] = c
-                at[node] += 1
-                node = parent[node]
+    begin, before = columns_of_rows(k, np.arange(k), Gp, Gi)
+    parent, seen = np.full(k, -1, np.int64), np.empty(k, np.int64)
+    Lp, Li, at = np.zeros(k + 1, np.int64), np.empty(0, np.int32), np.zeros(k, np.int64)
+    for counted in (False, True):
+        if counted:
+            for c in range(k):
+                Lp[c + 1] = Lp[c] + at[c]
+            at[:], Li = Lp[:-1], np.empty(Lp[k], np.int32)
+        seen[:] = -1
+        for c in range(k):
+            seen[c] = c
+            if counted:
+                Li[at[c]] = c
+            at[c] += 1
+            for b in range(begin[c], begin[c + 1]):
+                node = before[b]
+                while seen[node] != c:
+                    if parent[node] < 0:
+                        parent[node] = c
+                    seen[node] = c
+                    if counted:
+                        Li[at[node]] = c
+                    at[node] += 1
+                    node = parent[node]
     return Lp, Li
 
 
