@@ -71,11 +71,11 @@ class Assembly:
 
     def slip_speed(self, v: Vector) -> Vector:
         """G_Fᵀ v (F,)."""
-        return column_speeds(*self._tangents, v)
+        return column_speeds(*self.tangents, v)
 
     def friction_force(self, lam_F: Vector) -> Vector:
         """G_F λ_F (3n,)."""
-        return column_sum(*self._tangents, lam_F, self.m)
+        return column_sum(*self.tangents, lam_F, self.m)
 
     def bound(self, lam_N: Vector) -> Vector:
         """μ Σ λ_N, the bound of each friction (F,)."""
@@ -84,10 +84,15 @@ class Assembly:
     # --- matrices --------------------------------------------------------------------------------
 
     @cached_property
-    def _tangents(self) -> tuple[Vector, Indices]:
+    def tangents(self) -> tuple[Vector, Indices]:
         """Entries (F, 6) of g_F and their bodies (F, 2)."""
         first = self.active.first
         return self.columns.tangent[first], self.columns.bodies[first]
+
+    @property
+    def is_large(self) -> bool:
+        """Whether the matrix of all columns would be kept sparse."""
+        return self.m * (len(self.normals) + len(self.frictions)) > DENSE_ENTRIES
 
     def laid_out(self, layout: Layout) -> tuple[Vector, Indices]:
         """Entries (k, 6) and bodies (k, 2) of the QP's columns."""
@@ -100,7 +105,7 @@ class Assembly:
 
     def scaled(self, normals: Indices, frictions: Indices, D: Vector) -> Matrix:
         """D⁻ᵀ[G_N, G_F] of these normals and frictions, see `scaled_matrix`."""
-        tangent, bodies = self._tangents
+        tangent, bodies = self.tangents
         entries = np.concatenate([self.columns.normal[normals], tangent[frictions]])
         bodies = np.concatenate([self.columns.bodies[normals], bodies[frictions]])
         return scaled_matrix(entries, bodies, D)
@@ -113,7 +118,7 @@ class Assembly:
     @cached_property
     def G_F(self) -> sp.csc_array:
         """(3n, F) sparse."""
-        return _sparse(*self._tangents, np.ones(self.m))
+        return _sparse(*self.tangents, np.ones(self.m))
 
     @cached_property
     def members(self) -> sp.csr_array:

@@ -142,6 +142,34 @@ def compliances(entries, bodies, inverse_mass):
 
 
 @kernel
+def column_product(entries, bodies, i, f, inverse_mass):
+    """gᵀ M⁻¹ f of column i with a vector (m,)."""
+    product = 0.0
+    for side in range(2):
+        b = bodies[i, side]
+        if b >= 0:
+            for j in range(3):
+                product += entries[i, 3 * side + j] * f[3 * b + j] * inverse_mass[3 * b + j]
+    return product
+
+
+@kernel
+def columns_product(entries, bodies, i, others, their_bodies, l, inverse_mass):
+    """gᵀ M⁻¹ g of column i of these and column l of others."""
+    product = 0.0
+    for side in range(2):
+        b = bodies[i, side]
+        if b < 0:
+            continue
+        for other in range(2):
+            if their_bodies[l, other] == b:
+                for j in range(3):
+                    scaled = entries[i, 3 * side + j] * inverse_mass[3 * b + j]
+                    product += scaled * others[l, 3 * other + j]
+    return product
+
+
+@kernel
 def own_gains(normal, tangent, bodies, inverse_mass, friction_of, signs, mu):
     """γ = −μ s (g_NᵀM⁻¹g_F)/(g_NᵀM⁻¹g_N) of each normal whose contact slides, else 0, (N,)."""
     gain = np.zeros(bodies.shape[0])

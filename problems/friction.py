@@ -27,19 +27,11 @@ import scipy.sparse as sp
 
 from problems.assembly import Assembly
 from problems.contact_kernels import compliances
+from problems.friction_kernels import spring_loads
 from problems.layout import Layout
 from problems.qp import Vector
 
 FrictionRule = Literal["paper", "corrected"]
-
-SPRING = 2.0
-"""k = SPRING · m_eff/h² in (4.4) is the rigid force of a single contact; d = 0, for g_Nᵀq̇ ≈ 0."""
-
-
-def predicted_multipliers(assembly: Assembly, known: int, w: float) -> Vector:
-    """λ_* (N,) by (4.3) with one known time point, by (4.2) with two; w = h_n/h_{n−1}."""
-    lam, before = assembly.active.lam
-    return np.maximum(lam + w * (lam - before) if known >= 2 else lam, 0.0)
 
 
 def spring_multipliers(
@@ -56,7 +48,7 @@ def spring_multipliers(
     now = geometry.columns_at(geometry.pose(q), assembly.place).phi
     then = geometry.columns_at(geometry.pose(q_star), assembly.place).phi
     compliance = compliances(assembly.columns.normal, assembly.columns.bodies, inverse_mass)
-    return np.maximum(0.0, -SPRING / (h * h * compliance) * (then - now))
+    return spring_loads(now, then, compliance, h)
 
 
 def coulomb_rows(assembly: Assembly, layout: Layout) -> sp.csr_array:

@@ -5,9 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from problems.compiled import kernel
+from problems.contact_kernels import column_product, column_sum, columns_product
 
 AT_BOUND = 1e-9
 """Relative distance from its bound at which a friction force is at it."""
+SPRING = 2.0
+"""k = SPRING · m_eff/h² in (4.4) is the rigid force of a single contact; d = 0, for g_Nᵀq̇ ≈ 0."""
+QUIET_PASSES = 3
+"""Passes of corrected friction that are no sign of trouble."""
+RIDGE = 1e-8
+"""Fraction of the largest ‖a_j‖² added to the diagonal where contacts are redundant.  What rounding
+does to λ_* grows with its inverse, and it hardly slows Newton's method."""
+SMALLEST_PIVOT = 1e-10
+"""Pivots below this fraction of the largest ‖a_j‖² say that contacts are redundant."""
 
 
 @kernel
@@ -75,3 +85,131 @@ def force_change(signs, stuck, bound, new_bound):
             step = min(0.0, new_bound[j] - abs(stuck[j]))
         change[j] = -step if stuck[j] < 0.0 else step
     return change
+
+
+@kernel
+def extrapolated_multipliers(lam, before, known, w):
+    """λ_* ≥ 0 (N,) by (4.3) with one known time point, by (4.2) with two; w = h_n/h_{n−1}."""
+    found = np.empty_like(lam)
+    for i in range(lam.size):
+        change = w * (lam[i] - before[i]) if known > 1 else 0.0
+        found[i] = max(0.0, lam[i] + change)
+    return found
+
+
+@kernel
+def spring_loads(now, then, compliance, h):
+    """λ_* ≥ 0 (N,) of (4.4) from φ (N,) now and where the path would be without contacts [m]."""
+    found = np.empty_like(now)
+    for i in range(now.size):
+        found[i] = max(0.0, -SPRING / (h * h * compliance[i]) * (then[i] - now[i]))
+    return found
+
+
+@kernel
+def solve_in_place(K, y, smallest):
+    """K⁻¹y by elimination with partial pivoting, written to y (n,); K (n, n) is spoilt.
+
+    Returns whether all pivots were larger than `smallest`.
+    """
+    n = y.size
+    for c in range(n):
+        best = c
+        for i in range(c + 1, n):
+            if abs(K[i, c]) > abs(K[best, c]):
+                best = i
+        if not abs(K[best, c]) > smallest:
+            return False
+        for j in range(c, n):
+            K[c, j], K[best, j] = K[best, j], K[c, j]
+        y[c], y[best] = y[best], y[c]
+        for i in range(c + 1, n):
+            factor = K[i, c] / K[c, c]
+            if factor != 0.0:
+                for j in range(c + 1, n):
+                    K[i, j] -= factor * K[c, j]
+                y[i] -= factor * y[c]
+    for c in range(n - 1, -1, -1):
+        for j in range(c + 1, n):
+            y[c] -= K[c, j] * y[j]
+        y[c] /= K[c, c]
+    return True
+
+
+@kernel
+def newton_move(normals, tangents, inverse_mass, friction_of, mu, sigma, inside, free, gamma):
+    """y of `problems.friction_passes` for the free normals, (N,), and whether there is one.
+
+    normals, tangents : (entries (·, 6), bodies (·, 2)) of g_N and g_F
+    sigma : (F,);  inside : (F,) whether strictly within its bound;  free : (N,);  gamma : (N,) γ
+    """
+    g_N, bodies = normals
+    g_F, rubbing = tangents
+    first, last = np.flatnonzero(free), np.flatnonzero(inside)
+    n, size = first.size, first.size + last.size
+    S, where = np.empty((size, 6)), np.empty((size, 2), dtype=np.int64)
+    for c in range(size):
+        S[c] = g_N[first[c]] if c < n else g_F[last[c - n]]
+        where[c] = bodies[first[c]] if c < n else rubbing[last[c - n]]
+    K = np.empty((size, size))
+    most = 0.0
+    for c in range(size):
+        for e in range(c + 1):
+            K[c, e] = K[e, c] = columns_product(S, where, c, S, where, e, inverse_mass)
+        most = max(most, K[c, c])
+    for e in range(n):
+        j = friction_of[first[e]]
+        if j >= 0 and sigma[j] != 0.0:
+            for c in range(size):
+                product = columns_product(S, where, c, g_F, rubbing, j, inverse_mass)
+                K[c, e] += sigma[j] * mu[j] * product
+    moved = sigma * friction_bounds(friction_of, mu, gamma)
+    force = column_sum(g_F, rubbing, moved, inverse_mass.size)
+    right = np.empty(size)
+    for c in range(size):
+        right[c] = -column_product(S, where, c, force, inverse_mass)
+    y, solved = np.zeros(free.size), right.copy()
+    regular = solve_in_place(K.copy(), solved, SMALLEST_PIVOT * most)
+    if not regular:
+        for c in range(size):
+            K[c, c] += RIDGE * most
+        solved = right
+        regular = solve_in_place(K, solved, 0.0)
+    if regular:  # else a gain of exactly 1
+        for c in range(n):
+            y[first[c]] = solved[c]
+    return y, regular
+
+
+@kernel
+def next_multipliers(lam_star, lam_N, y, from_above):
+    """λ_* (N,) ≥ 0 of the next pass: the fixed point λ_N + y, or λ_N where that calls for λ < 0.
+
+    One below 0 that λ_N falls towards is a contact without a load; one that it rises from is none,
+    and on the way down from ∞ either may be: then none of them is believed.
+    """
+    found = np.empty_like(lam_N)
+    most = (lam_N + y).max()
+    for i in range(lam_N.size):
+        value = lam_N[i] + y[i]
+        if value < -AT_BOUND * most and (from_above or lam_N[i] > lam_star[i]):
+            if from_above:
+                return lam_N.copy()
+            value = lam_N[i]
+        found[i] = max(0.0, value)
+    return found
+
+
+@kernel
+def small_newton_multipliers(
+    normals, tangents, inverse_mass, friction_of, mu, signs, sigma, lam_star, lam_N, from_above
+):
+    """λ_* (N,) of the next pass, see `problems.friction_passes.newton_multipliers`."""
+    free = lam_N > 0.0
+    if not free.any() or not sigma.any() or np.isinf(lam_star).any():
+        return lam_N.copy()
+    inside = (signs == 0.0) & (sigma == 0.0)
+    y, found = newton_move(
+        normals, tangents, inverse_mass, friction_of, mu, sigma, inside, free, lam_N - lam_star
+    )
+    return next_multipliers(lam_star, lam_N, y, from_above) if found else lam_N.copy()

@@ -27,11 +27,13 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, eigs, splu
 
 from problems.assembly import Assembly
-from problems.friction_kernels import AT_BOUND, forced_signs
+from problems.friction_kernels import (
+    RIDGE,
+    forced_signs,
+    next_multipliers,
+    small_newton_multipliers,
+)
 from problems.qp import Indices, Matrix, Vector
-
-RIDGE = 1e-12
-"""Fraction of the largest ‖a_j‖² added to the diagonal where contacts are redundant."""
 
 
 def newton_multipliers(
@@ -49,22 +51,40 @@ def newton_multipliers(
     from_above : whether the passes began with λ_* = ∞
     """
     sigma = forced_signs(signs, lam_F, assembly.bound(lam_star), assembly.slip_speed(v))
-    normals = np.flatnonzero(lam_N > 0)
-    inside = np.flatnonzero((signs == 0) & (sigma == 0))
-    if normals.size == 0 or not sigma.any() or np.isinf(lam_star).any():
+    if not assembly.is_large:
+        columns = assembly.columns
+        return small_newton_multipliers(
+            *((columns.normal, columns.bodies), assembly.tangents, 1 / D**2),
+            *(assembly.friction_of, assembly.mu, signs, sigma, lam_star, lam_N, from_above),
+        )
+    free = lam_N > 0
+    if not free.any() or not sigma.any() or np.isinf(lam_star).any():
         return lam_N
-    S = assembly.scaled(normals, inside, D)
-    moved = assembly.friction_force(sigma * assembly.bound(lam_N - lam_star)) / D
+    inside = (signs == 0) & (sigma == 0)
+    y, found = _sparse_move(assembly, D, sigma, inside, free, lam_N - lam_star)
+    return next_multipliers(lam_star, lam_N, y, from_above) if found else lam_N
+
+
+def _sparse_move(
+    assembly: Assembly,
+    D: Vector,
+    sigma: Vector,
+    inside: NDArray[np.bool_],
+    free: NDArray[np.bool_],
+    gamma: Vector,
+) -> tuple[Vector, bool]:
+    """y (N,), and whether there is one, as `newton_move` with sparse matrices."""
+    normals, y = np.flatnonzero(free), np.zeros(free.size)
+    S = sp.csc_array(assembly.scaled(normals, np.flatnonzero(inside), D))
+    moved = assembly.friction_force(sigma * assembly.bound(gamma)) / D
+    forced = sp.csc_array(_forced(assembly, sigma, normals, D))
+    blank = sp.csc_array((S.shape[0], S.shape[1] - normals.size))
+    K = _normal_matrix(S) + S.T @ sp.hstack([forced, blank], format="csc")
     try:
-        y = _solve(S, _forced(assembly, sigma, normals, D), -(S.T @ moved))
-    except (np.linalg.LinAlgError, RuntimeError):  # a gain of exactly 1
-        return lam_N
-    fixed_point = lam_N.copy()
-    fixed_point[normals] += y[: normals.size]
-    # one below 0 that λ_N falls towards is a contact without a load; one that it rises from is
-    # none, and on the way down from ∞ either may be
-    missing = (fixed_point < -AT_BOUND * fixed_point.max()) & ((lam_N > lam_star) | from_above)
-    return lam_N if missing.any() else np.maximum(0.0, fixed_point)
+        y[normals] = splu(sp.csc_matrix(K)).solve(-(S.T @ moved))[: normals.size]
+    except RuntimeError:  # a gain of exactly 1
+        return y, False
+    return y, True
 
 
 def largest_gain(
@@ -103,17 +123,6 @@ def _forced(assembly: Assembly, sigma: Vector, normals: Indices, D: Vector) -> M
     share = np.where(friction >= 0, (sigma * assembly.mu)[friction], 0.0)
     columns = assembly.scaled(normals[:0], np.maximum(friction, 0), D)
     return columns @ sp.diags_array(share) if sp.issparse(columns) else columns * share
-
-
-def _solve(S: Matrix, forced: Matrix, right: Vector) -> Vector:
-    """y of Sᵀ(S + [forced, 0]) y = right, with a ridge on the diagonal."""
-    K, count = _normal_matrix(S), forced.shape[1]
-    if not sp.issparse(K):
-        K[:, :count] += S.T @ forced
-        return np.linalg.solve(K, right)
-    blank = sp.csc_array((S.shape[0], S.shape[1] - count))
-    K = K + S.T @ sp.hstack([sp.csc_array(forced), blank], format="csc")
-    return splu(sp.csc_matrix(K)).solve(right)
 
 
 def _normal_matrix(S: Matrix) -> Matrix:

@@ -17,12 +17,10 @@ import numpy as np
 
 from problems.constraint_graph import Normal
 from problems.contact_kernels import own_gains
+from problems.friction_kernels import QUIET_PASSES
 from problems.friction_passes import largest_gain
 from problems.qp import Vector
 from problems.velocity import VelocityStep
-
-QUIET_PASSES = 3
-"""Passes of corrected friction that are no sign of trouble."""
 
 
 class GainWatch:

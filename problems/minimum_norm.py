@@ -139,7 +139,15 @@ def minimum_norm(qps: QPSequence, qp: ContactQP, x: Vector, coulomb: sp.csr_arra
 
 
 def least_norm(qps: QPSequence, qp: ContactQP, x: Vector, coulomb: sp.csr_array | None) -> Vector:
-    """`minimum_norm` of an A that is not `surely_independent`."""
+    """`minimum_norm` of an A that is not `surely_independent`.
+
+    Where QPs are not kept, by the solver itself if it can (`Lotstedt.least_norm`).
+    """
+    compiled = None if qps.keep else getattr(qps.solver, "least_norm", None)
+    found = None if compiled is None else compiled(qp, x, coulomb)
+    if found is not None:
+        qps.count += found[1]
+        return found[0]
     if sp.issparse(qp.A) and qp.k >= MANY_COLUMNS:
         return ridge_minimum_norm(qps, qp, x, coulomb)
     movable = qp.lower < qp.upper  # fixed rows would be two opposite inequalities

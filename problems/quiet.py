@@ -32,13 +32,14 @@ Q, V, V_BEFORE, A, A_BEFORE = range(5)
 TIME, H, WISH = range(3)
 # … and what the stepper is set to
 EPS, DROP_TOL, H_MAX, FIXED, REST_SPEED, UNTIL, REACH, CONTACT_TOL = range(3, 11)
-# entries of `QuietSteps.counts`: steps since the last restart, steps taken, QPs solved, highest
-# order, why there were no more, time points with λ, corrected friction, steps rejected because
-# their error turned out too large, whether nothing happens at UNTIL
-STEPS, TAKEN, SOLVES, HIGHEST, ENDED, KNOWN, CORRECTED, REJECTED, OPEN = range(9)
+# entries of `QuietSteps.counts`: steps since the last restart, steps taken, QPs solved, those of
+# them that belong to steps taken or rejected, highest order, why there were no more, time points
+# with λ, corrected friction, steps rejected because their error turned out too large, whether
+# nothing happens at UNTIL
+STEPS, TAKEN, SOLVES, COUNTED, HIGHEST, ENDED, KNOWN, CORRECTED, REJECTED, OPEN = range(10)
 # values of `counts[ENDED]`: the next step is the stepper's, it has to look at the last one first,
-# the candidates have to be listed anew, redundant contacts with friction
-EVENT, LOOK, STALE, REDUNDANT = range(4)
+# the candidates have to be listed anew
+EVENT, LOOK, STALE = range(3)
 
 
 class Shapes(NamedTuple):
@@ -108,7 +109,7 @@ class QuietSteps(NamedTuple):
 
 
 class TakesQuietSteps(Protocol):
-    """A solver with a compiled loop over steps."""
+    """A solver with a compiled loop over steps, and compiled minimum-norm multipliers."""
 
     def take_quiet_steps(self, run: QuietSteps, start: Solution | None) -> Solution | None:
         """Take steps until the stepper is needed; the last solution, None without any."""
@@ -130,7 +131,6 @@ class Quiet:
         able &= stepper.options.drift == "none" and not stepper.varying
         self.solver: TakesQuietSteps | None = solver if able else None
         self._event_is_next = False
-        self._redundant: ActiveSet | None = None
 
     def take_steps(self, stepper: System, end: float) -> bool:
         """Let the solver take steps from here to `end` [s]; whether it took any.
@@ -146,24 +146,23 @@ class Quiet:
         while ended == STALE:
             run = _prepare(stepper, active, end)
             solution = self.solver.take_quiet_steps(run, stepper.qps.start())
-            steps, rejected, ended = run.counts[[TAKEN, REJECTED, ENDED]].tolist()
+            steps, rejected, solved, ended = run.counts[[TAKEN, REJECTED, COUNTED, ENDED]].tolist()
             if solution is not None:
-                stepper.qps.went_on(solution, steps + rejected)
+                stepper.qps.went_on(solution, solved)
                 stepper.counts["rejected_steps"] += rejected
             if steps:
                 _follow(stepper, run, active, steps)
             taken += steps
         self._event_is_next = taken > 0 and ended != LOOK
-        self._redundant = active if ended == REDUNDANT else None
         return taken > 0
 
     def _may_take_any(self, stepper: System, active: ActiveSet) -> bool:
         event, self._event_is_next = self._event_is_next, False
-        if event or active is self._redundant:
+        if event:
             return False
-        # the bounds of friction follow from λ of the last time point
-        bounded = stepper.options.friction != "corrected" or any(f.sign for f in active.frictions)
-        return stepper.lam_known > 0 or not active.frictions or not bounded
+        # (4.4) is computed by the stepper where it is no mere guess
+        guessed = stepper.options.friction == "corrected" or not active.frictions
+        return stepper.lam_known > 0 or guessed
 
 
 def _prepare(stepper: System, active: ActiveSet, end: float) -> QuietSteps:
@@ -212,7 +211,7 @@ def _prepare(stepper: System, active: ActiveSet, end: float) -> QuietSteps:
         ),
         counts=np.array(
             [
-                *(history.steps, 0, 0, history.highest, EVENT),
+                *(history.steps, 0, 0, 0, history.highest, EVENT),
                 *(stepper.lam_known, int(corrected), 0, int(until == end)),
             ]
         ),

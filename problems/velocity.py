@@ -28,10 +28,14 @@ from problems.drift import correction
 from problems.friction import (
     FrictionRule,
     coulomb_rows,
-    predicted_multipliers,
     spring_multipliers,
 )
-from problems.friction_kernels import driven_forces, force_change, forced_signs
+from problems.friction_kernels import (
+    driven_forces,
+    extrapolated_multipliers,
+    force_change,
+    forced_signs,
+)
 from problems.friction_passes import newton_multipliers
 from problems.layout import Layout
 from problems.minimum_norm import least_norm, surely_independent
@@ -234,7 +238,8 @@ class VelocityEquations:
             f_before = self.forces(q_before, history.v, t - h)
             mass = self.D**2
             return spring_multipliers(assembly, 1 / mass, q_before, history.v, f_before, h)
-        return predicted_multipliers(assembly, known, h / history.h if history.h else 1.0)
+        w = h / history.h if history.h else 1.0
+        return extrapolated_multipliers(*assembly.active.lam, known, w)
 
 
 def _kind(number: int, velocity_dependent: bool) -> str:

@@ -25,9 +25,13 @@ SOURCES = (
     "sparse_cholesky.py",
     "sparse_direction.py",
     "sparse_loop.py",
+    "minimum_norm.py",
     "quiet_steps.py",
 )
-PHYSICS = ("compiled.py", "qp.py", "quiet.py", "multistep.py", *compiled.SOURCES)
+PHYSICS = (
+    *("compiled.py", "qp.py", "quiet.py", "multistep.py", "minimum_norm.py"),
+    *("sparse_minimum_norm.py", *compiled.SOURCES),
+)
 """Files of `problems` whose functions or constants are compiled into kernels."""
 
 kernel = compiled.kernel_decorator(

@@ -58,7 +58,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from problems.qp import ContactQP, Solution, Status, WorkCounts
+from problems.qp import ContactQP, Solution, Status, Vector, WorkCounts
 from problems.quiet import SOLVES, TAKEN, QuietSteps, read_only
 from solvers.active_set.compiled import entry
 from solvers.active_set.loop import (
@@ -75,6 +75,7 @@ from solvers.active_set.loop import (
     WARM,
     algorithm_2,
 )
+from solvers.active_set.minimum_norm import least_distance_room, least_norm
 from solvers.active_set.quiet_steps import quiet_steps
 from solvers.active_set.sparse_loop import TODAYS_A, sparse_algorithm_2
 from solvers.active_set.sparse_pattern import is_narrow, make_pattern
@@ -314,8 +315,10 @@ class Lotstedt(Solver):
             if type(room) is not Workspace or room.n < k or room.n < m:
                 before = Start(start.x, start.working_set, start.row_id, False, start.memory)
                 room = dense_room(m, k, before)
-        written = np.zeros((m, k)), np.zeros(m), np.zeros(k), np.zeros(k)
-        posed = tuple(read_only(array) for array in written)
+        norm_room, norm_posed = least_distance_room(k, 2 * run.sticking.size)
+        arrays = np.zeros((m, k)), np.zeros(m), np.zeros(k), np.zeros(k)
+        written = (*arrays, norm_room)
+        posed = (*(read_only(array) for array in arrays), norm_posed)
         asked = run.eps0 if self.accuracy is None else self.accuracy
         eps0 = -1.0 if asked == "default" else float(asked)
         quiet_steps(run, written, posed, room.S, room.I, eps0, mode)
@@ -328,6 +331,17 @@ class Lotstedt(Solver):
             working_set=room.I[MEMBER, :k].astype(np.int8),
             memory=room if k else None,
         )
+
+    def least_norm(
+        self, qp: ContactQP, x: Vector, coulomb: sp.csr_array | None
+    ) -> tuple[Vector, int] | None:
+        """`problems.minimum_norm.least_norm` and how many QPs it took; None where k is large."""
+        mode: int = self._small  # type: ignore[attr-defined]
+        if self.variant or mode & CUSTOM or qp.k > CROSSOVER:
+            return None
+        C = np.zeros((0, qp.k)) if coulomb is None else coulomb.toarray()
+        rooms = least_distance_room(qp.k, C.shape[0])
+        return least_norm(qp.dense_A.copy(), qp.lower.copy(), qp.upper.copy(), x, C, *rooms, mode)
 
     def _hand_over_options(self, room: Workspace | SparseWorkspace, t: float) -> None:
         limit, reals = self.iteration_limit, room.S[REALS]

@@ -4,8 +4,8 @@ Between events a step is always the same: AB-r, columns, one QP, BDF-r, the leng
 Taken one by one from Python each costs a hundred times what its arithmetic does.  Here they are
 taken until something calls for the stepper (`problems.quiet`): a corner that crosses an edge or
 leaves one, a contact that separates, a scheduled time, bodies that are still, a QP that is not
-solved, redundant contacts with friction, friction that wants another pass, slips or stops, or
-whose gain is 1 or more (`problems.gain`).
+solved, friction that wants many passes, slips or stops, or whose gain is 1 or more
+(`problems.gain`).
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from problems.contact_kernels import (
     clearances,
     column_speeds,
     column_sum,
+    compliances,
     contact_columns,
     dense_columns,
     gather_columns,
@@ -26,7 +27,17 @@ from problems.contact_kernels import (
     place_corners,
 )
 from problems.dips import MAX_HALVINGS
-from problems.friction_kernels import at_bound, driven_forces, force_change, friction_bounds
+from problems.friction_kernels import (
+    QUIET_PASSES,
+    at_bound,
+    driven_forces,
+    extrapolated_multipliers,
+    force_change,
+    forced_signs,
+    friction_bounds,
+    small_newton_multipliers,
+    spring_loads,
+)
 from problems.independence import SAFE_FRACTION, far_from_dependent
 from problems.multistep import FIRST_RATE, REDONE, SHORTEST_STEP
 from problems.qp import LARGEST
@@ -34,6 +45,7 @@ from problems.quiet import (
     A_BEFORE,
     CONTACT_TOL,
     CORRECTED,
+    COUNTED,
     DROP_TOL,
     ENDED,
     EPS,
@@ -45,7 +57,6 @@ from problems.quiet import (
     LOOK,
     OPEN,
     REACH,
-    REDUNDANT,
     REJECTED,
     REST_SPEED,
     SOLVES,
@@ -77,6 +88,7 @@ from problems.step_kernels import (
 )
 from solvers.active_set.compiled import kernel
 from solvers.active_set.loop import SOLVED, WARM, algorithm_2
+from solvers.active_set.minimum_norm import least_norm
 from solvers.active_set.workspace import COUNTS, STATUS, X
 
 second_order_bdf = kernel(multistep.second_order_bdf)
@@ -129,12 +141,12 @@ def covered(c, p, place, corner_part, corners, tolerance):
 
 
 @kernel
-def any_at_bound(signs, lam_F, bound):
-    """Whether a sticking contact is at its bound, so that it may begin to slide."""
-    found = False
+def begins_to_slip(signs, lam_F, bound, slip, eps):
+    """Whether a sticking contact is at its bound and slips faster than ε."""
     for j in range(signs.size):
-        found |= signs[j] == 0.0 and at_bound(lam_F[j], bound[j])
-    return found
+        if signs[j] == 0.0 and abs(slip[j]) > eps and at_bound(lam_F[j], bound[j]):
+            return True
+    return False
 
 
 @kernel
@@ -156,31 +168,130 @@ def go_on(state, q, v, a):
 
 
 @kernel
+def first_guess(run, normals, pose, h, w):
+    """λ_* (N,) of the first pass, as `VelocityEquations._first_guess`.
+
+    normals : (entries, bodies) of g_N at the end of the step;  pose : `place_corners` at its start
+    w : h_n/h_{n−1}
+    """
+    known, shapes, state = run.counts[KNOWN], run.shapes, run.state
+    if known > 0:
+        return extrapolated_multipliers(run.lam, run.lam_before, known, w)
+    if not run.signs.any():
+        return np.full(run.lam.size, inf)
+    edges = shapes.part_body, shapes.edge_normal, shapes.edge_offset
+    sides = shapes.edge_start, shapes.edge_length
+    inverse_mass = 1 / run.D**2
+    free = path_end(state[Q], state[V], 0.5 * inverse_mass * run.forces, h)
+    there = place_corners(free, shapes.corner_body, shapes.corner_local)
+    now = contact_columns(*pose, run.place, shapes.corner_body, *edges, *sides)[0]
+    then = contact_columns(*there, run.place, shapes.corner_body, *edges, *sides)[0]
+    return spring_loads(now, then, compliances(*normals, inverse_mass), h)
+
+
+@kernel
+def cones(run):
+    """Rows C (2 S, k) with C λ ≥ 0 ⇔ |λ_F| ≤ μ Σ λ_N of what sticks, as `friction.coulomb_rows`."""
+    count = run.sticking.size
+    C = np.zeros((2 * count if run.counts[CORRECTED] else 0, run.row.size))
+    for r in range(C.shape[0]):
+        j = run.sticking[r % count]
+        C[r, run.sticking_column[r % count]] = -1.0 if r < count else 1.0
+        for i in range(run.friction_of.size):
+            if run.friction_of[i] == j:
+                C[r, run.normal_column[i]] = run.mu[j]
+    return C
+
+
+@kernel
+def velocity_step(run, columns, layout, tangents, lam_star, b, h, alpha0, qp, posed, room, found):
+    """q̇ and λ of a step, as `VelocityEquations.solve`.  Whether the passes settled, and `mode`.
+
+    columns : g_N (N, 6) and their bodies (N, 2);  layout, tangents : those of the QP and of g_F
+    lam_star : (N,) of the first pass
+    qp, posed : the same A, d, lower and upper, to be written to and read only, and behind them the
+        `LeastDistance` where contacts are redundant
+    room : S, I, eps0 and mode, see `algorithm_2`
+    found : v, a, lam_N, lam_F and bound, written to
+    """
+    D, signs, counts, sticking = run.D, run.signs, run.counts, run.sticking
+    A, d, lower, upper, norm_room = qp
+    A_posed, d_posed, lower_posed, upper_posed, norm_posed = posed
+    S, I, eps0, mode = room
+    v, a, lam_N, lam_F, bound = found
+    m, k, N, F = D.size, run.row.size, lam_N.size, lam_F.size
+    inverse_mass = 1 / D**2
+    force, change_before = run.forces, inf
+    redundant = F > 0 and not far_from_dependent(A, SAFE_FRACTION)
+    C = cones(run) if redundant else np.zeros((0, k))
+    for number in range(1, (QUIET_PASSES if counts[CORRECTED] else 1) + 1):
+        if F > 0:
+            bound[:] = friction_bounds(run.friction_of, run.mu, lam_star)
+            lam_F[:] = driven_forces(signs, bound)
+            force = run.forces + column_sum(*tangents, lam_F, m)
+            for j in range(sticking.size):
+                c = run.sticking_column[j]
+                lower[c], upper[c] = -bound[sticking[j]], bound[sticking[j]]
+        if not momentum(b, force, D, h, LARGEST, d)[1]:
+            return False, mode
+        if k > 0:  # (3.2), (4.6)
+            algorithm_2(A_posed, d_posed, lower_posed, upper_posed, run.row_id, S, I, eps0, mode)
+            mode |= WARM
+            counts[SOLVES] += 1
+            if I[COUNTS, STATUS] != SOLVED:
+                return False, mode
+        x = S[X, :k]
+        outcome(*layout, x, b, d, D, h, alpha0, v, a)
+        if redundant:
+            x, solves = least_norm(A, lower, upper, x, C, norm_room, norm_posed, mode)
+            counts[SOLVES] += solves
+        for j in range(N):
+            lam_N[j] = x[run.normal_column[j]]
+        for j in range(sticking.size):
+            lam_F[sticking[j]] = x[run.sticking_column[j]]
+        if not counts[CORRECTED]:
+            return True, mode
+        new_bound = friction_bounds(run.friction_of, run.mu, lam_N)  # (3.14)
+        moved = force_change(signs, lam_F, bound, new_bound)
+        off = column_sum(*tangents, moved, m) * inverse_mass
+        change, rounding = h / alpha0 * weighted_norm(D, off), h / alpha0 * run.eps0
+        rate = change / change_before if number > 1 and change_before > 0.0 else FIRST_RATE
+        if rate < 1.0 and iteration_error(rate, change, rounding) <= 0.1 * run.reals[EPS]:
+            return True, mode
+        change_before = change
+        sigma = forced_signs(signs, lam_F, bound, column_speeds(*tangents, v))
+        lam_star = small_newton_multipliers(
+            *(columns, tangents, inverse_mass, run.friction_of, run.mu),
+            *(signs, sigma, lam_star, lam_N, False),
+        )
+    return False, mode
+
+
+@kernel
 def quiet_steps(run, written, posed, S, I, eps0, mode):
     """Take steps until something happens or `track` is full; `counts[TAKEN]` of them.
 
     run : `problems.quiet.QuietSteps`, whose arrays are updated
-    written : zeros (3n, k), (3n,), (k,), (k,) for A, d and the bounds of the QP
-    posed : the same memory, read only
+    written, posed : zeros (3n, k), (3n,), (k,), (k,) for A, d and the bounds of the QP, and a
+        `LeastDistance`; the same memory, read only
     S, I, eps0, mode : see `algorithm_2`
     """
     shapes, D, state, reals, counts = run.shapes, run.D, run.state, run.reals, run.counts
     place, signs, lam, lam_before = run.place, run.signs, run.lam, run.lam_before
     corner, part, level, free = run.corner, run.part, run.level, run.free
-    normal_column, sticking, sticking_column = run.normal_column, run.sticking, run.sticking_column
     track, gaps, multipliers = run.track, run.gaps, run.multipliers
     edges = shapes.part_body, shapes.edge_normal, shapes.edge_offset
     sides = shapes.edge_start, shapes.edge_length
-    A_written, d, lower, upper = written
-    A_posed, d_posed, lower_posed, upper_posed = posed
+    A_written, _, _, upper, _ = written
     m, k, N, F = D.size, run.row.size, place.shape[0], signs.size
     phis = np.empty((MAX_HALVINGS + 2, shapes.edge_offset.shape[1]))
     right, left = np.empty(MAX_HALVINGS + 2), np.empty(shapes.edge_offset.shape[1])
-    q, v, a, b = np.empty(m), np.empty(m), np.empty(m), np.empty(m)
-    bend, lam_N, lam_F, bound = np.zeros(m), np.zeros(N), np.zeros(F), np.zeros(F)
+    q, v, a = np.empty(m), np.empty(m), np.empty(m)
+    b, bend = np.empty(m), np.zeros(m)
+    lam_N, lam_F, bound = np.zeros(N), np.zeros(F), np.zeros(F)
     upper[:] = inf
     slides, inverse_mass = signs.any(), 1 / D**2
-    pose = place_corners(state[Q], shapes.corner_body, shapes.corner_local)
+    pose_before = pose = place_corners(state[Q], shapes.corner_body, shapes.corner_local)
     before = clearances(*pose, corner, part, *edges)
     _, _, g_F, bodies, _, _, _, _ = contact_columns(
         *pose, place, shapes.corner_body, *edges, *sides
@@ -191,7 +302,7 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
     for j in range(F):
         if signs[j] * slip[j] > 0.0:
             return
-    longest, redone = inf, 0
+    longest, redone, solved = inf, 0, 0
     while counts[TAKEN] < gaps.size:
         counts[ENDED] = EVENT
         steps = counts[STEPS]
@@ -231,48 +342,20 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
         for j in range(N):
             if beyond_edge(along[j], length[j]):
                 return
-        force = run.forces
-        if F > 0:  # (4.2), (4.3)
+        entries, pairs, lam_star = g_N, bodies, lam_N
+        if F > 0:
             tangent, rubbing = gather_columns(g_N, g_F, bodies, run.first, rubs)
-            for j in range(N):
-                change = lam[j] - lam_before[j] if counts[KNOWN] > 1 else 0.0
-                lam_N[j] = max(0.0, lam[j] + w * change) if counts[KNOWN] else inf
-            bound = friction_bounds(run.friction_of, run.mu, lam_N)
-            lam_F = driven_forces(signs, bound)
-            force = force + column_sum(tangent, rubbing, lam_F, m)
-            for j in range(sticking.size):
-                c = sticking_column[j]
-                lower[c], upper[c] = -bound[sticking[j]], bound[sticking[j]]
-        if not momentum(b, force, D, h, LARGEST, d)[1]:
-            return
-        entries, pairs = g_N, bodies
+            lam_star = first_guess(run, (g_N, bodies), pose_before, h, w)
         if k > N:
             entries, pairs = gather_columns(g_N, g_F, bodies, run.row, run.tangential)
-        if k > 0:  # (3.2), (4.6)
+        if k > 0:
             dense_columns(entries, pairs, D, A_written)
-            if F > 0 and not far_from_dependent(A_written, SAFE_FRACTION):
-                counts[ENDED] = REDUNDANT
-                return
-            algorithm_2(A_posed, d_posed, lower_posed, upper_posed, run.row_id, S, I, eps0, mode)
-            mode |= WARM
-            counts[SOLVES] += 1
-            if I[COUNTS, STATUS] != SOLVED:
-                return
-        x = S[X, :k]
-        for j in range(N):
-            lam_N[j] = x[normal_column[j]]
-        for j in range(sticking.size):
-            lam_F[sticking[j]] = x[sticking_column[j]]
-        outcome(entries, pairs, x, b, d, D, h, alpha0, v, a)
-        if F > 0 and any_at_bound(signs, lam_F, bound):
+        settled, mode = velocity_step(
+            *(run, (g_N, bodies), (entries, pairs), (tangent, rubbing), lam_star, b, h, alpha0),
+            *(written, posed, (S, I, eps0, mode), (v, a, lam_N, lam_F, bound)),
+        )
+        if not settled:
             return
-        if F > 0 and counts[CORRECTED]:  # (3.14)
-            new_bound = friction_bounds(run.friction_of, run.mu, lam_N)
-            moved = force_change(signs, lam_F, bound, new_bound)
-            force = column_sum(tangent, rubbing, moved, m) * inverse_mass
-            change, rounding = h / alpha0 * weighted_norm(D, force), h / alpha0 * run.eps0
-            if not iteration_error(FIRST_RATE, change, rounding) <= 0.1 * reals[EPS]:
-                return
         if slides:
             gains = own_gains(g_N, g_F, bodies, inverse_mass, run.friction_of, signs, run.mu)
             if gains.max() >= 1.0:
@@ -281,18 +364,21 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
         if shorter < inf:
             longest, redone = shorter, redone + 1
             continue
-        counts[REJECTED] += redone
-        longest, redone = inf, 0
         if F > 0:
             new_slip = column_speeds(tangent, rubbing, v)
             if not slips_on(signs, slip, new_slip, reals[EPS]):
                 return
+            if begins_to_slip(signs, lam_F, bound, new_slip, reals[EPS]):
+                return
             slip = new_slip
         # accepted
         counts[ENDED] = LOOK
+        counts[REJECTED] += redone
+        counts[COUNTED] += counts[SOLVES] - solved
+        longest, redone, solved = inf, 0, counts[SOLVES]
         go_on(state, q, v, a)
         sink_levels(after, free, level)
-        before = after
+        before, pose_before = after, pose
         reals[TIME] += h
         reals[H], reals[WISH] = h, wish
         n = counts[TAKEN]

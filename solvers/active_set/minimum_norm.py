@@ -1,0 +1,208 @@
+"""Minimum-norm multipliers (4.8) of small QPs, compiled.
+
+The same way to the same λ as `problems.minimum_norm`, which says what it is, for runs whose QPs are
+not kept: the least-distance problem is an `algorithm_2` like every other, but nobody records it.
+"""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from problems.minimum_norm import ACCURACY, RANK_TOL
+from problems.qp import Indices, Vector
+from problems.quiet import read_only
+from problems.sparse_minimum_norm import SAME_FORCE
+from solvers.active_set.compiled import kernel
+from solvers.active_set.loop import WARM, algorithm_2
+from solvers.active_set.workspace import LANES, N_FLOAT_ROWS, N_INT_ROWS, X
+
+
+class LeastDistance(NamedTuple):
+    """Memory of a least-distance QP: A without its shape, d, lower, upper and row_id."""
+
+    A: Vector
+    d: Vector
+    lower: Vector
+    upper: Vector
+    row_id: Indices
+
+
+def least_distance_room(k: int, rows: int) -> tuple[LeastDistance, LeastDistance]:
+    """Memory for k multipliers with so many `rows` besides their bounds, and the same read only."""
+    most = 2 * k + rows
+    room = LeastDistance(
+        np.empty((k + 1) * most),
+        np.empty(k + 1),
+        np.zeros(most),
+        np.full(most, np.inf),
+        np.empty(most, dtype=np.int64),
+    )
+    return room, LeastDistance(*(read_only(array) for array in room))
+
+
+@kernel
+def null_space(A):
+    """Orthonormal basis (k − rank, k), in its rows, of the null space of A (m, k), which is spoilt.
+
+    By Householder's QR decomposition of Aᵀ with column pivoting, as far as there is rank.
+    """
+    m, k = A.shape
+    reflection, scale = np.zeros((min(m, k), k)), np.zeros(min(m, k))
+    rank, first = 0, 0.0
+    for c in range(min(m, k)):
+        pivot, most = c, -1.0
+        for j in range(c, m):
+            square = 0.0
+            for i in range(c, k):
+                square += A[j, i] * A[j, i]
+            if square > most:
+                pivot, most = j, square
+        length = sqrt(most)
+        if c == 0:
+            first = length
+        if not length > RANK_TOL * first:
+            break
+        for i in range(k):
+            A[c, i], A[pivot, i] = A[pivot, i], A[c, i]
+        v = reflection[c]
+        v[c:] = A[c, c:]
+        v[c] += length if v[c] >= 0.0 else -length
+        square = 0.0
+        for i in range(c, k):
+            square += v[i] * v[i]
+        scale[c] = 2.0 / square
+        for j in range(c + 1, m):
+            product = 0.0
+            for i in range(c, k):
+                product += v[i] * A[j, i]
+            product *= scale[c]
+            for i in range(c, k):
+                A[j, i] -= product * v[i]
+        rank += 1
+    basis = np.zeros((k - rank, k))
+    for row in range(k - rank):
+        basis[row, rank + row] = 1.0
+        for c in range(rank - 1, -1, -1):
+            product = 0.0
+            for i in range(c, k):
+                product += reflection[c, i] * basis[row, i]
+            product *= scale[c]
+            for i in range(c, k):
+                basis[row, i] -= product * reflection[c, i]
+    return basis
+
+
+@kernel
+def least_distance(E, e, room, posed, mode):
+    """z (l,) of least norm with E z ≥ e, E (p, l), whether there is one, and QPs solved for it.
+
+    room, posed : `LeastDistance`, to be written to and read only;  mode : see `algorithm_2`
+    """
+    p, l = E.shape
+    z = np.zeros(l)
+    count, met = 0, True
+    for row in range(p):
+        if np.abs(E[row]).max() > RANK_TOL:
+            room.row_id[count] = row
+            count += 1
+            met &= e[row] <= 0.0
+    if met:
+        return z, True, 0
+    for c in range(count):
+        row = room.row_id[c]
+        for i in range(l):
+            room.A[i * count + c] = E[row, i]
+        room.A[l * count + c] = e[row]
+    room.d[:l], room.d[l] = 0.0, -1.0
+    n = (max(l + 1, count) + LANES - 1) // LANES * LANES
+    S, I = np.empty((N_FLOAT_ROWS + 3 * n, n)), np.empty((N_INT_ROWS, n), dtype=np.int64)
+    algorithm_2(
+        posed.A[: (l + 1) * count].reshape(l + 1, count),
+        posed.d[: l + 1],
+        *(posed.lower[:count], posed.upper[:count], posed.row_id[:count]),
+        *(S, I, ACCURACY, mode & ~WARM),
+    )
+    last = -1.0
+    for c in range(count):
+        for i in range(l):
+            z[i] += room.A[i * count + c] * S[X, c]
+        last += room.A[l * count + c] * S[X, c]
+    for i in range(l):
+        z[i] /= -last
+    return z, last < -RANK_TOL, 1
+
+
+@kernel
+def least_norm(A, lower, upper, x, C, room, posed, mode):
+    """λ (k,) of least norm with the A λ of x within the bounds and C λ ≥ 0, and QPs solved for it.
+
+    C : (p, k), left out where it cannot be met;  the others: see `least_distance`
+    """
+    m, k = A.shape
+    movable = np.flatnonzero(lower < upper)  # fixed rows would be two opposite inequalities
+    count = movable.size
+    x = np.minimum(np.maximum(x, lower), upper)
+    moving, at = np.empty((m, count)), np.empty(count)
+    for c in range(count):
+        at[c] = x[movable[c]]
+        for i in range(m):
+            moving[i, c] = A[i, movable[c]]
+    basis = null_space(moving)
+    l = basis.shape[0]
+    size = sqrt((at * at).sum())
+    if l == 0 or size == 0.0:
+        return x, 0
+    particular = at.copy()
+    for row in range(l):
+        product = (basis[row] * at).sum()
+        for c in range(count):
+            particular[c] -= product * basis[row, c]
+    E, e = np.empty((2 * count + C.shape[0], l)), np.empty(2 * count + C.shape[0])
+    bounds = 0
+    for c in range(count):
+        if lower[movable[c]] > -inf:
+            E[bounds], e[bounds] = basis[:, c], lower[movable[c]] - particular[c]
+            bounds += 1
+    for c in range(count):
+        if upper[movable[c]] < inf:
+            E[bounds], e[bounds] = -basis[:, c], particular[c] - upper[movable[c]]
+            bounds += 1
+    rows = bounds + C.shape[0]
+    for r in range(C.shape[0]):
+        E[bounds + r] = 0.0
+        e[bounds + r] = 0.0
+        for j in range(k):
+            if not lower[j] < upper[j]:
+                e[bounds + r] -= C[r, j] * x[j]
+        for c in range(count):
+            weight = C[r, movable[c]]
+            if weight != 0.0:
+                e[bounds + r] -= weight * particular[c]
+                for i in range(l):
+                    E[bounds + r, i] += weight * basis[i, c]
+    e /= size
+    z, found, solves = least_distance(E[:rows], e[:rows], room, posed, mode)
+    if not found and rows > bounds:
+        z, found, more = least_distance(E[:bounds], e[:bounds], room, posed, mode)
+        solves += more
+    if not found:
+        return x, solves
+    least = x.copy()
+    for c in range(count):
+        value = particular[c]
+        for i in range(l):
+            value += size * z[i] * basis[i, c]
+        j = movable[c]
+        least[j] = min(max(value, lower[j]), upper[j])
+    moved, force = 0.0, 0.0
+    for i in range(m):
+        change, own = 0.0, 0.0
+        for j in range(k):
+            change += A[i, j] * (least[j] - x[j])
+            own += A[i, j] * x[j]
+        moved += change * change
+        force += own * own
+    return (least if sqrt(moved) <= SAME_FORCE * sqrt(force) else x), solves
