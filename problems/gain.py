@@ -36,6 +36,10 @@ class GainWatch:
         self._in_episode = False
         self._failed = False
 
+    def calm(self) -> None:
+        """A step without a gain of 1 or more has been taken."""
+        self._in_episode = False
+
     def look(self, step: VelocityStep, signs: Vector) -> tuple[float, Normal] | None:
         """The gain at which an episode begins with this step, and its normal; else None.
 
@@ -46,7 +50,7 @@ class GainWatch:
         quiet = step.settled and few and not self._failed
         self._failed = not step.settled
         if quiet and own.max(initial=0.0) < 1:
-            self._in_episode = False
+            self.calm()
             return None
         if self._in_episode:
             return None

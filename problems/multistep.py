@@ -35,6 +35,8 @@ REDONE = 3
 """… so many times: the error does not vanish with h where q̈ jumps."""
 SHORTEST_STEP = 1e-9
 """Steps shorter than this are not taken: an event there happens at t_{n−1} [s]."""
+STOP_TRIALS = 8
+"""Trials of a step by interpolation for where contacts stop; then it is halved: q̇ may jump."""
 SAFETY = 0.9
 """Fraction of the step that (3.5) would allow."""
 FIRST_RATE = 0.5

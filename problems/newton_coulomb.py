@@ -27,6 +27,7 @@ from problems.friction_kernels import force_change
 from problems.friction_passes import newton_multipliers
 from problems.minimum_norm import minimum_norm
 from problems.qp import Vector
+from problems.quiet import Collision, Frictions
 from problems.sequence import QPSequence, SimulationError
 
 MAX_PASSES = 25
@@ -49,6 +50,8 @@ def newton_coulomb_impulse(
 
     accuracy : of each QP in ‖A δx‖
 
+    Where QPs are not kept, by the solver itself if it can (`Lotstedt.newton_coulomb`).
+
     Raises SimulationError where the passes do not settle.
     """
     hit = copy.copy(assembly)
@@ -59,6 +62,15 @@ def newton_coulomb_impulse(
     A = scaled_matrix(entries, bodies, D)
     coulomb = coulomb_rows(hit, layout)
     size = max(1.0, float(np.linalg.norm(D * v)))
+    compiled = None if qps.keep else getattr(qps.solver, "newton_coulomb", None)
+    if compiled is not None:
+        frictions = Frictions.of(hit.active, hit.mu, signs)
+        columns = hit.columns.normal, hit.columns.bodies
+        collision = Collision(frictions, D, v, F, columns, (entries, bodies), hit.tangents)
+        impact = compiled(collision, MAX_PASSES, SETTLED * size, accuracy)
+        if impact is not None:
+            qps.count += impact.solves
+            return impact.v, np.concatenate([impact.lam_N, impact.lam_F])
     lam_star = np.full(len(hit.normals), np.inf)
     d = D * v + F / D
     for number in range(1, 2 * MAX_PASSES + 1):

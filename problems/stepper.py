@@ -46,6 +46,7 @@ from problems.impulses import ImpulseRule
 from problems.multistep import (
     REDONE,
     SHORTEST_STEP,
+    STOP_TRIALS,
     first_order_step,
     first_redone_length,
     next_length,
@@ -53,6 +54,7 @@ from problems.multistep import (
 )
 from problems.options import StepperOptions, StopRule
 from problems.qp import Vector
+from problems.quiet import LastStep
 from problems.run import Run
 from problems.scenes import Scene
 from problems.sequence import SimulationError, SolvesQPs
@@ -64,8 +66,6 @@ MAX_TRIES = 60
 """Trials of one step before the simulation gives up."""
 PENETRATION_TOL = 1e-7
 """Initial overlap of two parts that is still taken for contact [m]."""
-STOP_TRIALS = 8
-"""Trials of a step by interpolation for where contacts stop; then it is halved: q̇ may jump."""
 JAM_TRIALS = 2
 """Trials of a step in which the friction passes may fail to settle before contacts jam."""
 JAM_STEP = 1e-4
@@ -165,8 +165,9 @@ class Stepper(Transitions):
 
     def advance(self, end: float) -> None:
         """One accepted step, some quiet ones, or one event where no time passes."""
-        if self._quiet.take_steps(self, end):
-            self._after_quiet_steps()
+        quiet = self._quiet.take_steps(self, end)
+        if quiet is not None:
+            self._after_quiet_steps(quiet)
             return
         here, gap_speed, slip_before = self._here()
         self._check_constraints(here, gap_speed)
@@ -348,12 +349,16 @@ class Stepper(Transitions):
                 friction.sign = -int(np.sign(step.slip_speed[j]))
                 self._log("stick_to_slip", self._contact_name(friction.contact))
 
-    def _after_quiet_steps(self) -> None:
-        """Step 4 after steps in which nothing else happened."""
+    def _after_quiet_steps(self, last: LastStep) -> None:
+        """Step 4 after steps that were taken elsewhere."""
         self._standstill = 0
-        assembly, gap_speed, _ = self._here()
-        self._check_constraints(assembly, gap_speed)
-        self._drop_separating(assembly, gap_speed)
+        step = self._last = last.step
+        self._check_constraints(step.assembly, step.gap_speed)
+        if last.steps > 1:
+            self.gain_watch.calm()
+        self._watch_gain(step, last.signs)
+        stopped = [step.assembly.frictions[j] for j in np.flatnonzero(last.stopped)]
+        self._after_step(step, [], [], stopped)
         self._watch_rest()
 
     @property

@@ -58,7 +58,7 @@ def test_solvers_know_the_qp_and_nothing_else_of_the_physics(path: Path) -> None
     known = {"problems.qp"}
     if path.parent.name == "active_set":
         known |= {"problems"} if path.stem == "compiled" else set()
-    if path.stem in ("method", "minimum_norm", "quiet_steps"):
+    if path.stem in ("method", "minimum_norm", "passes", "quiet_steps"):
         # what is compiled in is part of the key of the compile cache
         known |= {f"problems.{Path(name).stem}" for name in PHYSICS}
     assert named <= known

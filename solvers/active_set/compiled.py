@@ -26,6 +26,7 @@ SOURCES = (
     "sparse_direction.py",
     "sparse_loop.py",
     "minimum_norm.py",
+    "passes.py",
     "quiet_steps.py",
 )
 PHYSICS = (

@@ -59,7 +59,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from problems.qp import ContactQP, Solution, Status, Vector, WorkCounts
-from problems.quiet import SOLVES, TAKEN, QuietSteps, read_only
+from problems.quiet import SOLVES, TAKEN, Collision, Impact, QuietSteps, read_only
 from solvers.active_set.compiled import entry
 from solvers.active_set.loop import (
     CUSTOM,
@@ -76,6 +76,7 @@ from solvers.active_set.loop import (
     algorithm_2,
 )
 from solvers.active_set.minimum_norm import least_distance_room, least_norm
+from solvers.active_set.passes import impulse_passes
 from solvers.active_set.quiet_steps import quiet_steps
 from solvers.active_set.sparse_loop import TODAYS_A, sparse_algorithm_2
 from solvers.active_set.sparse_pattern import is_narrow, make_pattern
@@ -111,6 +112,8 @@ Measured, µs per QP, on frictionless towers / walls of this many columns, as k:
 equations, old R dense, old R sparse.  16: 2.7, 3.7, 10 / 2.2, 6.9, 9.3.  32 / 36: 7.8, 7.1, 12 /
 5.7, 23, 12.  48 / 50: 18, 14, 15 / 8.1, 50, 14.  80 / 100: 68, 32, 19 / 32, 20, 24.
 """
+SMALL_CALLS = 96
+"""Columns up to which whole steps and collisions are taken in one call."""
 EXACT_KINDS = ("impulse", "minimum_norm")
 VARIANTS = {
     "": "the previous working set; today's factorization if small, the online rule if not",
@@ -157,6 +160,13 @@ def dense_room(m: int, k: int, start: Start) -> Workspace:
         room = make_workspace(0, start.x.size)
         remember(room, start)
     return make_workspace(m, k, room)
+
+
+def passes_rooms(m: int, k: int, sticking: int) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+    """Zeros for A, d and the bounds of a QP, with a `LeastDistance`; the same memory, read only."""
+    norm_room, norm_posed = least_distance_room(k, 2 * sticking)
+    arrays = np.zeros((m, k)), np.zeros(m), np.zeros(k), np.zeros(k)
+    return (*arrays, norm_room), (*(read_only(array) for array in arrays), norm_posed)
 
 
 def sparse_room(A: sp.csc_array, start: Start | None) -> tuple[SparseWorkspace, bool] | None:
@@ -301,11 +311,11 @@ class Lotstedt(Solver):
         )
 
     def take_quiet_steps(self, run: QuietSteps, start: Solution | None) -> Solution | None:
-        """Steps of a simulation by `quiet_steps`; small systems and the method's default only."""
-        m, k = run.D.size, run.row_id.size
-        mode: int = self._small  # type: ignore[attr-defined]
-        if self.variant or mode & CUSTOM or k > CROSSOVER:
+        """Steps of a simulation by `quiet_steps`, or None; see `_in_small_calls`."""
+        m, k = run.D.size, run.frictions.row_id.size
+        if not self._in_small_calls(k):
             return None
+        mode: int = self._small  # type: ignore[attr-defined]
         start = usable(start)
         if start is None or start.x is None:
             room = make_workspace(m, k)
@@ -315,30 +325,51 @@ class Lotstedt(Solver):
             if type(room) is not Workspace or room.n < k or room.n < m:
                 before = Start(start.x, start.working_set, start.row_id, False, start.memory)
                 room = dense_room(m, k, before)
-        norm_room, norm_posed = least_distance_room(k, 2 * run.sticking.size)
-        arrays = np.zeros((m, k)), np.zeros(m), np.zeros(k), np.zeros(k)
-        written = (*arrays, norm_room)
-        posed = (*(read_only(array) for array in arrays), norm_posed)
         asked = run.eps0 if self.accuracy is None else self.accuracy
         eps0 = -1.0 if asked == "default" else float(asked)
-        quiet_steps(run, written, posed, room.S, room.I, eps0, mode)
+        rooms = passes_rooms(m, k, run.frictions.sticking.size)
+        quiet_steps(run, *rooms, room.S, room.I, eps0, mode)
         if not run.counts[SOLVES] and not run.counts[TAKEN]:
             return None
         return Solution(
             x=room.S[X, :k].copy(),
-            row_id=run.row_id,
+            row_id=run.frictions.row_id,
             status=Status.SOLVED,
             working_set=room.I[MEMBER, :k].astype(np.int8),
             memory=room if k else None,
         )
 
+    def newton_coulomb(
+        self, collision: Collision, most: int, tolerance: float, accuracy: float
+    ) -> Impact | None:
+        """q̇₊ and Λ by `impulse_passes`; None where they do not settle, see `_in_small_calls`."""
+        m, k = collision.D.size, collision.frictions.row_id.size
+        if not self._in_small_calls(k):
+            return None
+        room = make_workspace(m, k)
+        rooms = passes_rooms(m, k, collision.frictions.sticking.size)
+        mode: int = self._small  # type: ignore[attr-defined]
+        settled, *impact = impulse_passes(
+            *collision, most, tolerance, *rooms, room.S, room.I, accuracy, mode
+        )
+        return Impact(*impact) if settled else None
+
+    def _in_small_calls(self, k: int) -> bool:
+        """Whether a whole step or collision of k columns is done in one call, QPs unseen.
+
+        For the method's default alone, with today's factorization also somewhat beyond `CROSSOVER`:
+        what a step costs in Python is more than what a kept R would save.
+        """
+        mode: int = self._small  # type: ignore[attr-defined]
+        return not (self.variant or mode & CUSTOM or k > SMALL_CALLS)
+
     def least_norm(
         self, qp: ContactQP, x: Vector, coulomb: sp.csr_array | None
     ) -> tuple[Vector, int] | None:
         """`problems.minimum_norm.least_norm` and how many QPs it took; None where k is large."""
-        mode: int = self._small  # type: ignore[attr-defined]
-        if self.variant or mode & CUSTOM or qp.k > CROSSOVER:
+        if not self._in_small_calls(qp.k):
             return None
+        mode: int = self._small  # type: ignore[attr-defined]
         C = np.zeros((0, qp.k)) if coulomb is None else coulomb.toarray()
         rooms = least_distance_room(qp.k, C.shape[0])
         return least_norm(qp.dense_A.copy(), qp.lower.copy(), qp.upper.copy(), x, C, *rooms, mode)

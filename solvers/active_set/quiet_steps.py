@@ -4,7 +4,7 @@ Between events a step is always the same: AB-r, columns, one QP, BDF-r, the leng
 Taken one by one from Python each costs a hundred times what its arithmetic does.  Here they are
 taken until something calls for the stepper (`problems.quiet`): a corner that crosses an edge or
 leaves one, a contact that separates, a scheduled time, bodies that are still, a QP that is not
-solved, friction that wants many passes, slips or stops, or whose gain is 1 or more
+solved, friction that begins to slip or stops, whose passes are many or whose gain is 1 or more
 (`problems.gain`).
 """
 
@@ -18,7 +18,6 @@ import problems.multistep as multistep
 from problems.contact_kernels import (
     clearances,
     column_speeds,
-    column_sum,
     compliances,
     contact_columns,
     dense_columns,
@@ -29,23 +28,16 @@ from problems.contact_kernels import (
 from problems.dips import MAX_HALVINGS
 from problems.friction_kernels import (
     QUIET_PASSES,
-    at_bound,
-    driven_forces,
     extrapolated_multipliers,
-    force_change,
     forced_signs,
-    friction_bounds,
-    small_newton_multipliers,
     spring_loads,
 )
-from problems.independence import SAFE_FRACTION, far_from_dependent
-from problems.multistep import FIRST_RATE, REDONE, SHORTEST_STEP
-from problems.qp import LARGEST
+from problems.multistep import REDONE, SHORTEST_STEP, STOP_TRIALS
 from problems.quiet import (
     A_BEFORE,
     CONTACT_TOL,
-    CORRECTED,
     COUNTED,
+    CUTS,
     DROP_TOL,
     ENDED,
     EPS,
@@ -55,7 +47,9 @@ from problems.quiet import (
     HIGHEST,
     KNOWN,
     LOOK,
+    MOST_PASSES,
     OPEN,
+    PASSES,
     REACH,
     REJECTED,
     REST_SPEED,
@@ -80,16 +74,12 @@ from problems.step_kernels import (
     fastest_body,
     largest_motion,
     meeting_reach,
-    momentum,
-    outcome,
     path_end,
     sink_levels,
     weighted_norm,
 )
 from solvers.active_set.compiled import kernel
-from solvers.active_set.loop import SOLVED, WARM, algorithm_2
-from solvers.active_set.minimum_norm import least_norm
-from solvers.active_set.workspace import COUNTS, STATUS, X
+from solvers.active_set.passes import friction_passes
 
 second_order_bdf = kernel(multistep.second_order_bdf)
 first_order_step = kernel(multistep.first_order_step)
@@ -98,7 +88,6 @@ second_order_error = kernel(multistep.second_order_error)
 next_length = kernel(multistep.next_length)
 first_redone_length = kernel(multistep.first_redone_length)
 redone_length = kernel(multistep.redone_length)
-iteration_error = kernel(multistep.iteration_error)
 
 
 @kernel
@@ -141,21 +130,18 @@ def covered(c, p, place, corner_part, corners, tolerance):
 
 
 @kernel
-def begins_to_slip(signs, lam_F, bound, slip, eps):
-    """Whether a sticking contact is at its bound and slips faster than ε."""
+def stopping_lengths(signs, slip, new, h, eps, lengths):
+    """As `Transitions._stopping_lengths`, written to lengths (F,); the shortest."""
+    shortest = inf
     for j in range(signs.size):
-        if signs[j] == 0.0 and abs(slip[j]) > eps and at_bound(lam_F[j], bound[j]):
-            return True
-    return False
-
-
-@kernel
-def slips_on(signs, slip, new, eps):
-    """Whether what slides does so after a step, too, see `Transitions._stopping_lengths`."""
-    for j in range(signs.size):
-        if signs[j] != 0.0 and (slip[j] * new[j] < 0.0 or abs(new[j]) <= STOPPED * eps):
-            return False
-    return True
+        lengths[j] = inf
+        if signs[j] != 0.0:
+            if slip[j] * new[j] < 0.0:
+                lengths[j] = h * slip[j] / (slip[j] - new[j])
+            if abs(new[j]) <= STOPPED * eps:
+                lengths[j] = h
+        shortest = min(shortest, lengths[j])
+    return shortest
 
 
 @kernel
@@ -177,7 +163,7 @@ def first_guess(run, normals, pose, h, w):
     known, shapes, state = run.counts[KNOWN], run.shapes, run.state
     if known > 0:
         return extrapolated_multipliers(run.lam, run.lam_before, known, w)
-    if not run.signs.any():
+    if not run.frictions.signs.any():
         return np.full(run.lam.size, inf)
     edges = shapes.part_body, shapes.edge_normal, shapes.edge_offset
     sides = shapes.edge_start, shapes.edge_length
@@ -190,84 +176,6 @@ def first_guess(run, normals, pose, h, w):
 
 
 @kernel
-def cones(run):
-    """Rows C (2 S, k) with C λ ≥ 0 ⇔ |λ_F| ≤ μ Σ λ_N of what sticks, as `friction.coulomb_rows`."""
-    count = run.sticking.size
-    C = np.zeros((2 * count if run.counts[CORRECTED] else 0, run.row.size))
-    for r in range(C.shape[0]):
-        j = run.sticking[r % count]
-        C[r, run.sticking_column[r % count]] = -1.0 if r < count else 1.0
-        for i in range(run.friction_of.size):
-            if run.friction_of[i] == j:
-                C[r, run.normal_column[i]] = run.mu[j]
-    return C
-
-
-@kernel
-def velocity_step(run, columns, layout, tangents, lam_star, b, h, alpha0, qp, posed, room, found):
-    """q̇ and λ of a step, as `VelocityEquations.solve`.  Whether the passes settled, and `mode`.
-
-    columns : g_N (N, 6) and their bodies (N, 2);  layout, tangents : those of the QP and of g_F
-    lam_star : (N,) of the first pass
-    qp, posed : the same A, d, lower and upper, to be written to and read only, and behind them the
-        `LeastDistance` where contacts are redundant
-    room : S, I, eps0 and mode, see `algorithm_2`
-    found : v, a, lam_N, lam_F and bound, written to
-    """
-    D, signs, counts, sticking = run.D, run.signs, run.counts, run.sticking
-    A, d, lower, upper, norm_room = qp
-    A_posed, d_posed, lower_posed, upper_posed, norm_posed = posed
-    S, I, eps0, mode = room
-    v, a, lam_N, lam_F, bound = found
-    m, k, N, F = D.size, run.row.size, lam_N.size, lam_F.size
-    inverse_mass = 1 / D**2
-    force, change_before = run.forces, inf
-    redundant = F > 0 and not far_from_dependent(A, SAFE_FRACTION)
-    C = cones(run) if redundant else np.zeros((0, k))
-    for number in range(1, (QUIET_PASSES if counts[CORRECTED] else 1) + 1):
-        if F > 0:
-            bound[:] = friction_bounds(run.friction_of, run.mu, lam_star)
-            lam_F[:] = driven_forces(signs, bound)
-            force = run.forces + column_sum(*tangents, lam_F, m)
-            for j in range(sticking.size):
-                c = run.sticking_column[j]
-                lower[c], upper[c] = -bound[sticking[j]], bound[sticking[j]]
-        if not momentum(b, force, D, h, LARGEST, d)[1]:
-            return False, mode
-        if k > 0:  # (3.2), (4.6)
-            algorithm_2(A_posed, d_posed, lower_posed, upper_posed, run.row_id, S, I, eps0, mode)
-            mode |= WARM
-            counts[SOLVES] += 1
-            if I[COUNTS, STATUS] != SOLVED:
-                return False, mode
-        x = S[X, :k]
-        outcome(*layout, x, b, d, D, h, alpha0, v, a)
-        if redundant:
-            x, solves = least_norm(A, lower, upper, x, C, norm_room, norm_posed, mode)
-            counts[SOLVES] += solves
-        for j in range(N):
-            lam_N[j] = x[run.normal_column[j]]
-        for j in range(sticking.size):
-            lam_F[sticking[j]] = x[run.sticking_column[j]]
-        if not counts[CORRECTED]:
-            return True, mode
-        new_bound = friction_bounds(run.friction_of, run.mu, lam_N)  # (3.14)
-        moved = force_change(signs, lam_F, bound, new_bound)
-        off = column_sum(*tangents, moved, m) * inverse_mass
-        change, rounding = h / alpha0 * weighted_norm(D, off), h / alpha0 * run.eps0
-        rate = change / change_before if number > 1 and change_before > 0.0 else FIRST_RATE
-        if rate < 1.0 and iteration_error(rate, change, rounding) <= 0.1 * run.reals[EPS]:
-            return True, mode
-        change_before = change
-        sigma = forced_signs(signs, lam_F, bound, column_speeds(*tangents, v))
-        lam_star = small_newton_multipliers(
-            *(columns, tangents, inverse_mass, run.friction_of, run.mu),
-            *(signs, sigma, lam_star, lam_N, False),
-        )
-    return False, mode
-
-
-@kernel
 def quiet_steps(run, written, posed, S, I, eps0, mode):
     """Take steps until something happens or `track` is full; `counts[TAKEN]` of them.
 
@@ -277,13 +185,14 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
     S, I, eps0, mode : see `algorithm_2`
     """
     shapes, D, state, reals, counts = run.shapes, run.D, run.state, run.reals, run.counts
-    place, signs, lam, lam_before = run.place, run.signs, run.lam, run.lam_before
+    place, frictions, lam, lam_before = run.place, run.frictions, run.lam, run.lam_before
+    signs = frictions.signs
     corner, part, level, free = run.corner, run.part, run.level, run.free
     track, gaps, multipliers = run.track, run.gaps, run.multipliers
     edges = shapes.part_body, shapes.edge_normal, shapes.edge_offset
     sides = shapes.edge_start, shapes.edge_length
     A_written, _, _, upper, _ = written
-    m, k, N, F = D.size, run.row.size, place.shape[0], signs.size
+    m, k, N, F = D.size, frictions.row.size, place.shape[0], signs.size
     phis = np.empty((MAX_HALVINGS + 2, shapes.edge_offset.shape[1]))
     right, left = np.empty(MAX_HALVINGS + 2), np.empty(shapes.edge_offset.shape[1])
     q, v, a = np.empty(m), np.empty(m), np.empty(m)
@@ -297,17 +206,20 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
         *pose, place, shapes.corner_body, *edges, *sides
     )
     rubs = np.ones(F, np.bool_)
-    tangent, rubbing = gather_columns(g_F, g_F, bodies, run.first, rubs)
+    tangent, rubbing = gather_columns(g_F, g_F, bodies, frictions.first, rubs)
     slip = column_speeds(tangent, rubbing, state[V])
     for j in range(F):
         if signs[j] * slip[j] > 0.0:
             return
-    longest, redone, solved = inf, 0, 0
+    longest, redone, rejected, solved = inf, 0, 0, 0
+    cut, located, done = inf, 0, False
+    lengths = np.full(F, inf)
     while counts[TAKEN] < gaps.size:
         counts[ENDED] = EVENT
         steps = counts[STEPS]
         order = 1 if steps < 2 else counts[HIGHEST]
-        h = wish = min(step_length(state, reals, steps, order, D), longest)
+        wish = min(step_length(state, reals, steps, order, D), longest)
+        h = min(wish, cut)
         if reals[TIME] + h >= reals[UNTIL]:
             h = reals[UNTIL] - reals[TIME]
             if not counts[OPEN] or h <= SHORTEST_STEP:
@@ -344,38 +256,54 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
                 return
         entries, pairs, lam_star = g_N, bodies, lam_N
         if F > 0:
-            tangent, rubbing = gather_columns(g_N, g_F, bodies, run.first, rubs)
+            tangent, rubbing = gather_columns(g_N, g_F, bodies, frictions.first, rubs)
             lam_star = first_guess(run, (g_N, bodies), pose_before, h, w)
         if k > N:
-            entries, pairs = gather_columns(g_N, g_F, bodies, run.row, run.tangential)
+            entries, pairs = gather_columns(g_N, g_F, bodies, frictions.row, frictions.tangential)
         if k > 0:
             dense_columns(entries, pairs, D, A_written)
-        settled, mode = velocity_step(
-            *(run, (g_N, bodies), (entries, pairs), (tangent, rubbing), lam_star, b, h, alpha0),
+        passes, mode, solves = friction_passes(
+            *(frictions, D, run.forces, (g_N, bodies), (entries, pairs), (tangent, rubbing)),
+            *(lam_star, b, h, alpha0, (counts[MOST_PASSES], 0.1 * reals[EPS], run.eps0, False)),
             *(written, posed, (S, I, eps0, mode), (v, a, lam_N, lam_F, bound)),
         )
-        if not settled:
+        counts[SOLVES] += solves
+        if passes == 0:
             return
         if slides:
-            gains = own_gains(g_N, g_F, bodies, inverse_mass, run.friction_of, signs, run.mu)
+            gains = own_gains(
+                g_N, g_F, bodies, inverse_mass, frictions.friction_of, signs, frictions.mu
+            )
             if gains.max() >= 1.0:
                 return
         shorter = rejected_length(state, reals, steps, order, redone, a, h, D)
         if shorter < inf:
-            longest, redone = shorter, redone + 1
+            longest, redone, rejected = shorter, redone + 1, rejected + 1
             continue
         if F > 0:
             new_slip = column_speeds(tangent, rubbing, v)
-            if not slips_on(signs, slip, new_slip, reals[EPS]):
+            stop = stopping_lengths(signs, slip, new_slip, h, reals[EPS], lengths)
+            if stop < SHORTEST_STEP or (stop < inf and not counts[CUTS]):
                 return
-            if begins_to_slip(signs, lam_F, bound, new_slip, reals[EPS]):
-                return
+            if stop < h * (1.0 - 1e-6):
+                located += 1
+                cut = stop if located < STOP_TRIALS else min(stop, h / 2)
+                rejected += 1
+                continue
             slip = new_slip
+            sigma = forced_signs(signs, lam_F, bound, slip)
+            for j in range(F):
+                run.at_bound[j], run.stopped[j] = sigma[j] != 0.0, lengths[j] <= h
+                done |= run.stopped[j] or (
+                    signs[j] == 0.0 and run.at_bound[j] and abs(slip[j]) > reals[EPS]
+                )
         # accepted
         counts[ENDED] = LOOK
-        counts[REJECTED] += redone
+        counts[REJECTED] += rejected
         counts[COUNTED] += counts[SOLVES] - solved
-        longest, redone, solved = inf, 0, counts[SOLVES]
+        counts[PASSES] = passes
+        longest, redone, rejected, solved = inf, 0, 0, counts[SOLVES]
+        cut, located = inf, 0
         go_on(state, q, v, a)
         sink_levels(after, free, level)
         before, pose_before = after, pose
@@ -395,7 +323,7 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
             gaps[n] = min(gaps[n], phi[j])
         for j in range(F):
             multipliers[n, N + j] = lam_F[j]
-        if fastest_body(D, v) <= reals[REST_SPEED]:
+        if done or passes > QUIET_PASSES or fastest_body(D, v) <= reals[REST_SPEED]:
             return
         speed = column_speeds(g_N, bodies, v)
         for j in range(N):

@@ -1,0 +1,158 @@
+"""Passes of corrected friction, compiled: step 2 of algorithm 1, and Newton–Coulomb impulses.
+
+What they are is said in `problems.friction_passes`; the loops that keep their QPs are in
+`problems.velocity` and `problems.newton_coulomb`.
+"""
+
+from __future__ import annotations
+
+from math import inf
+
+import numpy as np
+
+import problems.multistep as multistep
+from problems.contact_kernels import column_speeds, column_sum, dense_columns
+from problems.friction_kernels import (
+    driven_forces,
+    force_change,
+    forced_signs,
+    friction_bounds,
+    small_newton_multipliers,
+)
+from problems.independence import SAFE_FRACTION, far_from_dependent
+from problems.multistep import FIRST_RATE
+from problems.qp import LARGEST
+from problems.step_kernels import momentum, outcome, weighted_norm
+from solvers.active_set.compiled import kernel
+from solvers.active_set.loop import SOLVED, WARM, algorithm_2
+from solvers.active_set.minimum_norm import least_norm
+from solvers.active_set.workspace import COUNTS, STATUS, X
+
+iteration_error = kernel(multistep.iteration_error)
+
+
+@kernel
+def cones(frictions):
+    """Rows C (2 S, k) with C λ ≥ 0 ⇔ |λ_F| ≤ μ Σ λ_N of what sticks, as `friction.coulomb_rows`."""
+    count = frictions.sticking.size
+    C = np.zeros((2 * count, frictions.row.size))
+    for r in range(C.shape[0]):
+        j = frictions.sticking[r % count]
+        C[r, frictions.sticking_column[r % count]] = -1.0 if r < count else 1.0
+        for i in range(frictions.friction_of.size):
+            if frictions.friction_of[i] == j:
+                C[r, frictions.normal_column[i]] = frictions.mu[j]
+    return C
+
+
+@kernel
+def friction_passes(
+    frictions,
+    D,
+    forces,
+    columns,
+    layout,
+    tangents,
+    lam_star,
+    b,
+    h,
+    alpha0,
+    stop,
+    qp,
+    posed,
+    room,
+    found,
+):
+    """q̇ and λ by (4.5), (4.6).  How many passes settled, `mode` for the next QP, QPs solved.
+
+    There are 0 passes where they do not settle, or a QP is not solved.
+
+    frictions : `problems.quiet.Frictions`;  D, forces, b : (m,)
+    columns : g_N (N, 6) and their bodies (N, 2);  layout, tangents : those of the QP and of g_F
+    lam_star : (N,) of the first pass
+    stop : passes at most; the change of ‖q̇‖_M that another may make; ε₀ of a QP; whether it is the
+        next pass that counts, and not all further ones by (3.14)
+    qp, posed : the same A, which is there, d, lower and upper, to be written to and read only, and
+        behind them the `LeastDistance`
+    room : S, I, eps0 and mode, see `algorithm_2`
+    found : v, a, lam_N, lam_F and bound, written to
+    """
+    signs, sticking = frictions.signs, frictions.sticking
+    friction_of, mu = frictions.friction_of, frictions.mu
+    A, d, lower, upper, norm_room = qp
+    A_posed, d_posed, lower_posed, upper_posed, norm_posed = posed
+    S, I, eps0, mode = room
+    v, a, lam_N, lam_F, bound = found
+    most, tolerance, rounding, next_only = stop
+    m, k, N, F = D.size, frictions.row.size, lam_N.size, lam_F.size
+    inverse_mass = 1 / D**2
+    force, change_before, solves = forces, inf, 0
+    redundant = F > 0 and not far_from_dependent(A, SAFE_FRACTION)
+    C = cones(frictions) if redundant and most > 1 else np.zeros((0, k))
+    for number in range(1, most + 1):
+        if F > 0:
+            bound[:] = friction_bounds(friction_of, mu, lam_star)
+            lam_F[:] = driven_forces(signs, bound)
+            force = forces + column_sum(*tangents, lam_F, m)
+            for j in range(sticking.size):
+                c = frictions.sticking_column[j]
+                lower[c], upper[c] = -bound[sticking[j]], bound[sticking[j]]
+        if not momentum(b, force, D, h, LARGEST, d)[1]:
+            return 0, mode, solves
+        if k > 0:  # (3.2), (4.6)
+            algorithm_2(
+                *(A_posed, d_posed, lower_posed, upper_posed, frictions.row_id, S, I, eps0, mode)
+            )
+            mode |= WARM
+            solves += 1
+            if I[COUNTS, STATUS] != SOLVED:
+                return 0, mode, solves
+        x = S[X, :k]
+        outcome(*layout, x, b, d, D, h, alpha0, v, a)
+        if redundant:
+            x, more = least_norm(A, lower, upper, x, C, norm_room, norm_posed, mode)
+            solves += more
+        for j in range(N):
+            lam_N[j] = x[frictions.normal_column[j]]
+        for j in range(sticking.size):
+            lam_F[sticking[j]] = x[frictions.sticking_column[j]]
+        if most == 1:
+            return number, mode, solves
+        moved = force_change(signs, lam_F, bound, friction_bounds(friction_of, mu, lam_N))
+        off = column_sum(*tangents, moved, m) * inverse_mass
+        change = h / alpha0 * weighted_norm(D, off)
+        rate = change / change_before if number > 1 and change_before > 0.0 else FIRST_RATE
+        if next_only:
+            left = change
+        else:  # (3.14)
+            left = iteration_error(rate, change, h / alpha0 * rounding) if rate < 1.0 else inf
+        if left <= tolerance:
+            return number, mode, solves
+        change_before = change
+        sigma = forced_signs(signs, lam_F, bound, column_speeds(*tangents, v))
+        lam_star = small_newton_multipliers(
+            *(columns, tangents, inverse_mass, friction_of, mu, signs, sigma),
+            *(lam_star, lam_N, False),
+        )
+    return 0, mode, solves
+
+
+@kernel
+def impulse_passes(
+    frictions, D, v, F, columns, layout, tangents, most, tolerance, qp, posed, S, I, accuracy, mode
+):
+    """Whether a collision settled; q̇₊ (m,), Λ_N (N,), Λ_F (F,) and the QPs solved.
+
+    v, F : q̇₋ and the external impulse (m,);  the others: see `friction_passes`
+    """
+    count, m = columns[1].shape[0], D.size
+    after, a, lam_N = np.empty(m), np.empty(m), np.zeros(count)
+    lam_F, bound = np.zeros(frictions.mu.size), np.zeros(frictions.mu.size)
+    dense_columns(*layout, D, qp[0])
+    qp[3][:] = inf
+    passes, _, solves = friction_passes(
+        *(frictions, D, F, columns, layout, tangents, np.full(count, inf), v, 1.0, 1.0),
+        *((most, tolerance, accuracy, True), qp, posed, (S, I, accuracy, mode)),
+        (after, a, lam_N, lam_F, bound),
+    )
+    return passes > 0, after, lam_N, lam_F, solves
