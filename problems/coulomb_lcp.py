@@ -31,8 +31,8 @@ PIVOT_TOL = 1e-11
 """Entries of the scaled tableau that are taken for 0."""
 
 
-def coulomb_multipliers(assembly: Assembly, D: Vector, d: Vector) -> Vector | None:
-    """λ_N (N,) with which all contacts meet both laws, D q̇ = A λ + d up to a factor.
+def coulomb_multipliers(assembly: Assembly, D: Vector, d: Vector) -> tuple[Vector, Vector] | None:
+    """λ_N (N,) and λ_F (F,) with which all contacts meet both laws, D q̇ = A λ + d up to a factor.
 
     d : (3n,) of the QP with no friction force in it
 
@@ -56,7 +56,7 @@ def coulomb_multipliers(assembly: Assembly, D: Vector, d: Vector) -> Vector | No
     M[cone[friction_of[loaded]], loaded] = mu[friction_of[loaded]] / size[loaded]
     q = np.concatenate([A.T @ d, np.zeros(F)])
     z = lemke(M, q)
-    return None if z is None else z[:N] / size
+    return None if z is None else (z[:N] / size, z[N + each] - z[N + F + each])
 
 
 def lemke(M: NDArray[np.float64], q: Vector) -> Vector | None:

@@ -10,8 +10,9 @@ g_Nᵀq̇₊ = μ_I |g_Fᵀq̇₊|.  The paper says that models differ by O(1) a
 its simplicity.  Where contacts stick, and without friction, both are the same.
 
 It is the fixed point of `problems.friction_passes` with h = α₀ = 1, all contacts bounded by
-± μ_I Σ Λ_*, from Λ_* = ∞; where the passes cycle, `problems.coulomb_lcp` finds it.  Energy may grow
-at a contact that reverses its slip (4.12).
+± μ_I Σ Λ_*, from Λ_* = ∞.  Where the passes cycle `problems.coulomb_lcp` is asked, and believed if
+the QP with its bounds has the same q̇₊: with redundant contacts its Λ need not be that of least
+norm, whose bounds are others.  Energy may grow at a contact that reverses its slip (4.12).
 """
 
 from __future__ import annotations
@@ -59,9 +60,8 @@ def newton_coulomb_impulse(
     signs = np.zeros(len(assembly.frictions))
     layout = hit.active.layout(signs)
     entries, bodies = hit.laid_out(layout)
-    A = scaled_matrix(entries, bodies, D)
-    coulomb = coulomb_rows(hit, layout)
     size = max(1.0, float(np.linalg.norm(D * v)))
+    ask_lcp = MAX_PASSES
     compiled = None if qps.keep else getattr(qps.solver, "newton_coulomb", None)
     if compiled is not None:
         frictions = Frictions.of(hit.active, hit.mu, signs)
@@ -71,8 +71,11 @@ def newton_coulomb_impulse(
         if impact is not None:
             qps.count += impact.solves
             return impact.v, np.concatenate([impact.lam_N, impact.lam_F])
+        ask_lcp = 1
+    A, coulomb = scaled_matrix(entries, bodies, D), coulomb_rows(hit, layout)
     lam_star = np.full(len(hit.normals), np.inf)
     d = D * v + F / D
+    both, momentum = None, d
     for number in range(1, 2 * MAX_PASSES + 1):
         bound = hit.bound(lam_star)
         lower, upper = layout.limits(bound)
@@ -90,14 +93,18 @@ def newton_coulomb_impulse(
         )
         x = minimum_norm(qps, qp, np.asarray(solution.x), coulomb)
         after = qp.residual(x) / D
+        if both is not None and np.linalg.norm(D * after - momentum) <= SETTLED * size:
+            return after, np.concatenate(both)
         lam_N, lam_F = layout.split(x, signs.size)
         change = force_change(signs, lam_F, bound, hit.bound(lam_N))
         if np.linalg.norm(hit.friction_force(change) / D) <= SETTLED * size:
             return after, np.concatenate([lam_N, lam_F])
-        found = coulomb_multipliers(hit, D, d) if number == MAX_PASSES else None
-        if found is None:
-            found = newton_multipliers(hit, D, signs, lam_star, lam_N, lam_F, after)
-        lam_star = found
+        both = coulomb_multipliers(hit, D, d) if number == ask_lcp else None
+        if both is not None:
+            lam_star = both[0]
+            momentum = d + (hit.G_N @ both[0] + hit.G_F @ both[1]) / D
+        else:
+            lam_star = newton_multipliers(hit, D, signs, lam_star, lam_N, lam_F, after)
     raise SimulationError(
         f"t = {t:.6g}: Newton–Coulomb impulses of {len(hit.normals)} contacts did not settle "
         f'in {2 * MAX_PASSES} passes; use the paper\'s model, impulses="paper"'

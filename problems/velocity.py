@@ -206,12 +206,13 @@ class VelocityEquations:
                 break
             guess, change_before = v, change
             if correct:
-                found = None
+                both = None
                 if stuck and number == MAX_PASSES:
-                    found = coulomb_multipliers(assembly, D, d)
-                if found is None:
-                    found = newton_multipliers(assembly, D, signs, lam_star, lam_N, lam_F, v, stuck)
-                lam_star = found
+                    both = coulomb_multipliers(assembly, D, d)
+                if both is not None:
+                    lam_star = both[0]
+                    continue
+                lam_star = newton_multipliers(assembly, D, signs, lam_star, lam_N, lam_F, v, stuck)
         return step._replace(settled=False)
 
     def _lean(self, A: Matrix, assembly: Assembly, layout: Layout) -> Vector:
