@@ -89,11 +89,6 @@ class Assembly:
         first = self.active.first
         return self.columns.tangent[first], self.columns.bodies[first]
 
-    @property
-    def is_large(self) -> bool:
-        """Whether the matrix of all columns would be kept sparse."""
-        return self.m * (len(self.normals) + len(self.frictions)) > DENSE_ENTRIES
-
     def laid_out(self, layout: Layout) -> tuple[Vector, Indices]:
         """Entries (k, 6) and bodies (k, 2) of the QP's columns."""
         columns = self.columns

@@ -35,6 +35,9 @@ from problems.friction_kernels import (
 )
 from problems.qp import Indices, Matrix, Vector
 
+SMALL = 150
+"""Constraints up to which elimination in a dense matrix is faster than in a sparse one."""
+
 
 def newton_multipliers(
     assembly: Assembly,
@@ -51,7 +54,7 @@ def newton_multipliers(
     from_above : whether the passes began with λ_* = ∞
     """
     sigma = forced_signs(signs, lam_F, assembly.bound(lam_star), assembly.slip_speed(v))
-    if not assembly.is_large:
+    if len(assembly.normals) + len(assembly.frictions) <= SMALL:
         columns = assembly.columns
         return small_newton_multipliers(
             *((columns.normal, columns.bodies), assembly.tangents, 1 / D**2),
