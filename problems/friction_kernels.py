@@ -107,6 +107,13 @@ def spring_loads(now, then, compliance, h):
 
 
 @kernel
+def loaded(lam_N):
+    """Which normals bear a load that is more than rounding (N,)."""
+    most = lam_N.max() if lam_N.size else 0.0
+    return lam_N > AT_BOUND * most
+
+
+@kernel
 def solve_in_place(K, y, smallest):
     """K⁻¹y by elimination with partial pivoting, written to y (n,); K (n, n) is spoilt.
 
@@ -205,7 +212,7 @@ def small_newton_multipliers(
     normals, tangents, inverse_mass, friction_of, mu, signs, sigma, lam_star, lam_N, from_above
 ):
     """λ_* (N,) of the next pass, see `problems.friction_passes.newton_multipliers`."""
-    free = lam_N > 0.0
+    free = loaded(lam_N)
     if not free.any() or not sigma.any() or np.isinf(lam_star).any():
         return lam_N.copy()
     inside = (signs == 0.0) & (sigma == 0.0)

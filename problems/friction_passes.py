@@ -30,6 +30,7 @@ from problems.assembly import Assembly
 from problems.friction_kernels import (
     RIDGE,
     forced_signs,
+    loaded,
     next_multipliers,
     small_newton_multipliers,
 )
@@ -60,7 +61,7 @@ def newton_multipliers(
             *((columns.normal, columns.bodies), assembly.tangents, 1 / D**2),
             *(assembly.friction_of, assembly.mu, signs, sigma, lam_star, lam_N, from_above),
         )
-    free = lam_N > 0
+    free = loaded(lam_N)
     if not free.any() or not sigma.any() or np.isinf(lam_star).any():
         return lam_N
     inside = (signs == 0) & (sigma == 0)

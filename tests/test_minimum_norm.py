@@ -19,6 +19,9 @@ from problems.qp import ContactQP
 from problems.sequence import QPSequence
 from problems.sparse_minimum_norm import ridge
 from solvers import make_solver
+from solvers.active_set import minimum_norm as compiled
+from solvers.active_set.loop import TODAYS_QR
+from solvers.active_set.minimum_norm import least_distance_room
 from solvers.active_set.sparse_pattern import is_narrow
 
 
@@ -227,6 +230,49 @@ def test_the_sparse_way_finds_the_same_multipliers(seed, with_rows):
     np.testing.assert_allclose(A @ sparse, A @ lam, rtol=1e-8)
     if with_rows:
         assert (C @ sparse).min() >= -1e-8
+
+
+def compiled_least_norm(A, lam, lower, upper, C):
+    rooms = least_distance_room(lam.size, C.shape[0])
+    return compiled.least_norm(A, lower, upper, lam, C, *rooms, TODAYS_QR)
+
+
+@pytest.mark.parametrize("with_rows", [False, True])
+@pytest.mark.parametrize("seed", range(8))
+def test_the_compiled_way_finds_the_same_multipliers(seed, with_rows):
+    A, lam, lower, upper, C = two_tables(np.random.default_rng(seed), mu=0.4)
+    if seed == 1:
+        lower[[0, 13]] = upper[[0, 13]] = lam[[0, 13]]
+    if seed == 2:
+        lam[12:] *= 3  # far outside the cone, which is left out
+    qps = sequence()
+    expected = minimum_norm(
+        qps, ContactQP(A, -A @ lam, lower, upper), lam, C if with_rows else None
+    )
+    rows = C.toarray() if with_rows else np.zeros((0, lam.size))
+    found, solves = compiled_least_norm(A, lam, lower, upper, rows)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+    assert solves == qps.count
+
+
+@pytest.mark.parametrize("shape", [(5, 3, 8), (8, 3, 5), (4, 4, 4), (3, 0, 2)])
+def test_the_compiled_null_space_is_orthonormal_and_complete(shape):
+    m, rank, k = shape
+    rng = np.random.default_rng(0)
+    A = rng.normal(size=(m, rank)) @ rng.normal(size=(rank, k))
+    basis = compiled.null_space(A.copy())
+    assert basis.shape == (k - rank, k)
+    np.testing.assert_allclose(basis @ A.T, 0, atol=1e-13)
+    np.testing.assert_allclose(basis @ basis.T, np.eye(k - rank), atol=1e-14)
+
+
+def test_qps_that_are_not_kept_are_left_to_the_solver():
+    A, lam, lower, upper, C = two_tables(np.random.default_rng(0), mu=0.4)
+    qp = ContactQP(A, -A @ lam, lower, upper)
+    kept, unkept = (QPSequence(make_solver("lotstedt"), keep) for keep in (True, False))
+    one, other = (minimum_norm(qps, qp, lam, C) for qps in (kept, unkept))
+    np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
+    assert kept.count == unkept.count == len(kept.qps) and not unkept.qps
 
 
 @pytest.mark.usefixtures("always_sparse")
