@@ -408,10 +408,22 @@ def test_orders_are_fitted_to_runs_that_the_reference_can_tell_apart() -> None:
 
 def test_the_cheapest_run_and_the_frontier_leave_out_what_is_beaten() -> None:
     rows = pd.DataFrame({"cpu": [1.0, 2.0, 3.0, 4.0], "error": [0.5, 0.6, 0.1, 0.05]})
-    best = cheapest(rows, 0.2)
+    best = cheapest(rows, 0.2, "error")
     assert best is not None and best["cpu"] == 3.0
-    assert cheapest(rows, 0.01) is None
+    assert cheapest(rows, 0.01, "error") is None
     assert list(frontier(rows)["cpu"]) == [1.0, 3.0, 4.0]
+
+
+def test_an_accuracy_that_a_finer_step_loses_again_was_luck() -> None:
+    runs = synthetic({"pymunk": lambda h: 1e-5 if h == 0.01 else 0.5 * h})
+    part = compared(table_of(runs))
+    part = part[part["engine"] == "pymunk"]
+    kept, lucky = cheapest(part, 2e-3), cheapest(part, 1e-4, "error")
+    assert kept is not None and kept["resolution"] == 0.01
+    assert lucky is not None and lucky["resolution"] == 0.01
+    assert cheapest(part, 1e-4) is None
+    notes = " ".join(least_table(table_of(runs), "fig2 to 0.8").notes)
+    assert "Lucky runs, whose finer ones are worse: pymunk" in notes and "pymunk ≤ 1e-4 in" in notes
 
 
 def test_the_page_says_who_is_cheaper_and_who_is_alone(tmp_path: Path) -> None:

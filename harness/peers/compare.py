@@ -47,6 +47,7 @@ def table_of(runs: Iterable[tuple[Run, Outcome]]) -> pd.DataFrame:
     kind, scene, until, task;  engine, setting, swept, resolution;  status, reason
     cpu [s], steps, step : mean length [s];  cpu_step : CPU time of one [s];  repeats
     error : largest distance of a coordinate of a pose from the reference at any time compared
+    kept_error : the largest error of this run and of all finer ones of its setting
     reference_error : the reference's own;  is_reference
     energy_error, gain : over the energy at the start;  penetration [m];  drift, top : largest, and
     of the last body [m];  turn [rad];  NaN where the task has no such thing
@@ -81,9 +82,14 @@ def table_of(runs: Iterable[tuple[Run, Outcome]]) -> pd.DataFrame:
                 row["reference_error"] = reference.error
                 row["is_reference"] = row["error"] == 0.0
         rows.append(row)
-    columns = ["cpu", "steps", "repeats", "step", "cpu_step", "error", "reference_error"]
+    columns = ["cpu", "steps", "repeats", "step", "cpu_step", "error", "kept_error"]
+    columns += ["reference_error"]
     columns += ["penetration", "energy_error", "gain", "drift", "top", "turn"]
     frame = pd.DataFrame(rows)
+    if "error" in frame.columns:
+        finest_first = frame.sort_values("resolution", kind="stable")
+        each = finest_first.groupby(["task", "engine", "setting"], sort=False)
+        frame["kept_error"] = each["error"].cummax()
     return frame.reindex(columns=[*frame.columns, *(c for c in columns if c not in frame.columns)])
 
 
@@ -122,9 +128,9 @@ def order_of(rows: pd.DataFrame) -> Order | None:
     return Order(float(np.polyfit(np.log(step), np.log(error), 1)[0]), len(error))
 
 
-def cheapest(rows: pd.DataFrame, target: float) -> pd.Series | None:
-    """The run of least CPU time among those whose error is at most `target`; None for none."""
-    good = rows[rows["error"] <= target]
+def cheapest(rows: pd.DataFrame, target: float, error: str = "kept_error") -> pd.Series | None:
+    """The run of least CPU time among those whose `error` is at most `target`; None for none."""
+    good = rows[rows[error] <= target]
     return good.loc[good["cpu"].idxmin()] if len(good) else None
 
 
