@@ -29,6 +29,8 @@ AT_MOST = 100
 """QPs of a recording that are asked about."""
 TICKS = (1, 2, 5, 10, 20, 50, 100, 1_000, 10_000, 100_000, 1_000_000)
 LINES = (BLUE, ORANGE, GREEN, PURPLE, INK)
+STYLES = ("-", "--", ":")
+"""Of recordings beyond the first five, whose colours are used again."""
 
 
 def certificates_of(results: Results, progress: Progress | None = None) -> pd.DataFrame:
@@ -168,7 +170,7 @@ def plot_certificates(found: pd.DataFrame, path: str | Path) -> Path:
     if found.empty:
         raise ValueError("no recording with proved references is stored")
     with drawing() as Figure:
-        figure = Figure(figsize=(PAGE_WIDTH, 2.9), layout="constrained")
+        figure = Figure(figsize=(PAGE_WIDTH, 3.3), layout="constrained")
         left, right = figure.subplots(1, 2, sharey=True)
         _by_decades(left, found)
         _by_scenes(right, found)
@@ -196,7 +198,7 @@ def _by_decades(axes: Axes, found: pd.DataFrame) -> None:
     axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.minorticks_off()
     axes.set_title("By size of the error")
-    axes.legend(loc="upper left")
+    _legend_below(axes, 3)
 
 
 def _by_scenes(axes: Axes, found: pd.DataFrame) -> None:
@@ -205,7 +207,17 @@ def _by_scenes(axes: Axes, found: pd.DataFrame) -> None:
     for place, (scene, part) in enumerate(found.groupby("scene")):
         sharp = np.sort(part["sharp"].dropna().to_numpy())
         share = (np.arange(sharp.size) + 1) / max(sharp.size, 1)
-        axes.plot(share, sharp, color=LINES[place % len(LINES)], linewidth=1.4, label=scene)
+        again, colour = divmod(place, len(LINES))
+        style = STYLES[again % len(STYLES)]
+        axes.plot(share, sharp, color=LINES[colour], linestyle=style, linewidth=1.4, label=scene)
     axes.set_xlabel("share of the answers")
     axes.set_title("By recording")
-    axes.legend(loc="upper left")
+    _legend_below(axes, 3)
+
+
+def _legend_below(axes: Axes, columns: int) -> None:
+    """Below the axis, where it hides no line."""
+    axes.legend(
+        loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=columns, columnspacing=1.0,
+        handlelength=1.4,
+    )  # fmt: skip

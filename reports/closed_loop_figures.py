@@ -42,6 +42,8 @@ LEAST = 1e-9
 """Smaller errors [m] and energies are drawn here."""
 NEAR = (1.0, 0.15)
 """Decades within which two outliers share a label."""
+LONGER = 1.1
+"""Loops that come to rest later than this, over the time of that with exact QPs, are cut off."""
 SHOWN_NOISE = (("0.01x", SKY), ("1x", GREEN), ("100x", ORANGE), ("1e4x", VERMILLION))
 """Sloppy loops of the kind `any` that stand out in the figure of separation."""
 
@@ -99,6 +101,7 @@ def plot_separation(found: Sequence[Findings], path: str | Path) -> Path:
         figure, panels = _panels(Figure, found, 3.0)
         for axes, each in zip(panels, found, strict=True):
             _separation(axes, each)
+            axes.set_xlim(0.0, LONGER * float(each.twin_error.t[-1]))
             axes.set_title(each.scene)
             axes.set_xlabel("t [s]")
             axes.set_ylabel("pose error [m]")

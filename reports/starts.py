@@ -169,6 +169,8 @@ def _table(pairs: pd.DataFrame, name: str, title: str, results: Results) -> Tabl
 def plot_starts(results: Results, path: str | Path) -> Path:
     """Time over cold time against the arm: one panel per solver, its scenes as faint lines.
 
+    Those of which nothing but warm was run share a panel below, a row each.
+
     Raises ValueError where no such arm was run.
     """
     if setting_of(results) is None:
@@ -177,26 +179,54 @@ def plot_starts(results: Results, path: str | Path) -> Path:
     arms = [arm for arm in ORDER if (pairs["arm"] == arm).any()]
     pooled = summarise(pairs, ["solver", "arm"])
     by_scene = summarise(pairs, ["solver", "scene", "arm"])
-    solvers = sorted(pooled["solver"].unique(), key=solver_order)
+    count = pooled.groupby("solver").size()
+    solvers = sorted(count[count > 1].index, key=solver_order)
+    others = sorted(count[count == 1].index, key=solver_order)
     with drawing() as Figure:
         across = min(4, len(solvers))
         down = -(-len(solvers) // across)
-        figure = Figure(figsize=(PAGE_WIDTH, (0.19 * len(arms) + 0.45) * down + 0.7),
-                        layout="constrained")  # fmt: skip
-        grid = figure.subplots(down, across, squeeze=False, sharex=True, sharey=True)
-        for axes in grid.ravel()[len(solvers) :]:
-            axes.set_visible(False)
-        for axes, solver in zip(grid.ravel(), solvers, strict=False):
+        heights = [0.19 * len(arms) + 0.45] * down + [0.19 * len(others) + 0.45] * bool(others)
+        figure = Figure(figsize=(PAGE_WIDTH, sum(heights) + 0.7), layout="constrained")
+        grid = figure.add_gridspec(len(heights), across, height_ratios=heights)
+        panels: list[Axes] = []
+        for place, solver in enumerate(solvers):
+            shared = panels[0] if panels else None
+            axes = figure.add_subplot(grid[divmod(place, across)], sharex=shared, sharey=shared)
             own, scenes = (part[part["solver"] == solver] for part in (pooled, by_scene))
             _panel(axes, own.set_index("arm"), scenes, arms)
             axes.set_title(solver)
-        for axes in grid[-1]:
+            axes.tick_params(labelleft=place % across == 0)
             axes.set_xlabel("time / cold time")
-        grid[0, 0].set_yticks(range(len(arms)), arms)
-        grid[0, 0].set_ylim(len(arms) - 0.5, -0.5)
-        lines, labels = grid[0, 0].get_legend_handles_labels()
+            panels.append(axes)
+        panels[0].set_yticks(range(len(arms)), arms)
+        panels[0].set_ylim(len(arms) - 0.5, -0.5)
+        if others:
+            arm = str(pooled.loc[pooled["solver"] == others[0], "arm"].iloc[0])
+            axes = figure.add_subplot(grid[down, :], sharex=panels[0])
+            _rows(axes, pooled[pooled["solver"].isin(others)].set_index("solver"), others)
+            axes.set_title(f"The others, {arm}")
+            axes.set_xlabel("time / cold time")
+        lines, labels = panels[0].get_legend_handles_labels()
         figure.legend(lines, labels, loc="outside lower center", ncols=len(labels))
         return save(figure, Path(path))
+
+
+def _rows(axes: Axes, pooled: pd.DataFrame, solvers: list[str]) -> None:
+    """One arm of each of these solvers: its time, and iterations as bars."""
+    at, places = pooled.reindex(solvers), range(len(solvers))
+    axes.grid(True, axis="x", which="both")
+    axes.axvline(1.0, color=INK, linewidth=0.8, zorder=1)
+    axes.plot(
+        at["iterations"].clip(lower=1.05 * LEAST), places, color=SOFT, linestyle="none",
+        marker="|", markersize=7, markeredgewidth=1.4,
+    )  # fmt: skip
+    off = [(at["ratio"] - at["from"]).clip(lower=0), (at["to"] - at["ratio"]).clip(lower=0)]
+    axes.errorbar(
+        at["ratio"], places, xerr=off, color=COLD, marker="o", linestyle="none", markersize=3.6,
+        elinewidth=1.0, zorder=3,
+    )  # fmt: skip
+    axes.set_yticks(places, solvers)
+    axes.set_ylim(len(solvers) - 0.5, -0.5)
 
 
 def _panel(axes: Axes, own: pd.DataFrame, scenes: pd.DataFrame, arms: list[str]) -> None:

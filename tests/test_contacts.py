@@ -201,6 +201,7 @@ def candidates(g, before, after):
 
 def test_candidates_survive_small_motion_and_are_renewed_by_large():
     g = graph(bodies=BOXES)
+    g.candidates.margin = 1.0
     near = np.array([0, 0.51, 0, 0, 1.53, 0.0])
     far = near + np.array([0, 0, 0, 0, 5.0, 0])
     assert {(4, 0), (5, 0), (2, 1), (3, 1), (0, 2), (1, 2)} <= candidates(g, near, near)
