@@ -1,7 +1,8 @@
-"""Corners that are outside a part at both ends of a step, and were inside in between.
+"""Corners that were inside a part before the end of a step, if only for a while.
 
 A corner can cut off the tip of a part within one step.  Afterwards the edges of the two bodies
-cross, with no corner of either inside the other, and no corner would ever tell.  Two tips that meet
+cross, with no corner of either inside the other, and no corner would ever tell, or one that comes
+down on another edge, from the wrong side, too late.  Two tips that meet
 exactly, as those of triangles that slide on the ground, are never inside each other at all; so a
 corner that comes from afar has a `floor` a little above 0.
 
@@ -119,7 +120,9 @@ def _curvature_bound(q, velocity, curvature, h, a, b, radius):
 
 @kernel
 def first_dip(q, velocity, curvature, h, a, b, local, normal, offset, floor, phi, right, left):
-    """Start and end of the stretch at whose end one corner, of body a, is below its floor; inf.
+    """Start and end of the first stretch found at whose end a corner of body a is below its floor.
+
+    Both are inf where there is none.
 
     local : (2,) the corner in its body;  normal, offset : the edges of the part, of body b
     phi (MAX_HALVINGS + 2, E), right (MAX_HALVINGS + 2,), left (E,) : scratch
@@ -131,8 +134,6 @@ def first_dip(q, velocity, curvature, h, a, b, local, normal, offset, floor, phi
     right[0] = h
     _edge_distances(q, velocity, curvature, 0.0, a, b, local, normal, offset, left)
     _edge_distances(q, velocity, curvature, h, a, b, local, normal, offset, phi[0])
-    if phi[0].max() < level:
-        return 0.0, h
     while top >= 0:
         length = right[top] - start
         sag = bend * length * length / 8
@@ -141,6 +142,8 @@ def first_dip(q, velocity, curvature, h, a, b, local, normal, offset, floor, phi
             if min(left[e], phi[top, e]) - sag >= level:
                 free = True
                 break
+        if top == MAX_HALVINGS and phi[top].max() < level:
+            return start, right[top]
         if free or top == MAX_HALVINGS:
             start = right[top]
             left[:] = phi[top]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -130,22 +131,23 @@ def first_hits(
     dip_start, dip_end = dips(geometry, path, h, corner, part, floor)
     hits: list[Hit] = []
     for i in np.flatnonzero(inside | np.isfinite(dip_end)):
-        c, p, ref = int(corner[i]), int(part[i]), float(level[i] if inside[i] else floor[i])
+        c, p = int(corner[i]), int(part[i])
 
-        def gap(step: float, c=c, p=p, ref=ref) -> float:
+        def gap(step: float, ref: float, c=c, p=p) -> float:
             return geometry.clearance_on_path(path, step, c, p) - ref
 
-        if inside[i]:
-            where = _crossing(gap, h, float(before[i]), float(after[i]))
-        else:
-            where = _entry(gap, float(dip_start[i]), float(dip_end[i]))
-        pose = geometry.pose(path(where))
-        edge = geometry.hit_edge(pose, c, p)
-        if approach_speed(geometry, pose, path.rate(where), c, p, edge) >= -slowest:
-            continue
-        if graph.redundant(pose, c, p, edge):
-            continue
-        hits.append(Hit(where, c, p, edge))
+        # a corner that ends inside may have cut off a tip before that, and come out again
+        stretches = [(float(dip_start[i]), float(dip_end[i]))] if np.isfinite(dip_end[i]) else []
+        stretches += [(0.0, h)] if inside[i] else []
+        for start, end in stretches:
+            ref = float(level[i] if inside[i] and gap(end, level[i]) < 0 else floor[i])
+            where = _crossing(partial(gap, ref=ref), start, end)
+            pose = geometry.pose(path(where))
+            edge = geometry.hit_edge(pose, c, p)
+            speed = approach_speed(geometry, pose, path.rate(where), c, p, edge)
+            if speed < -slowest and not graph.redundant(pose, c, p, edge):
+                hits.append(Hit(where, c, p, edge))
+                break
     if not hits:
         return []
     first = min(hit.h for hit in hits)
@@ -154,23 +156,19 @@ def first_hits(
     )
 
 
-def _crossing(gap: Callable[[float], float], h: float, before: float, after: float) -> float:
-    """Where a gap that ends negative falls through 0; 0 where it is never positive."""
-    if before > 0:
-        return locate_zero(gap, h, before, after)
-    samples = h * np.arange(1, 8) / 8
-    values = np.array([gap(step) for step in samples])
-    best = int(np.argmax(values))
-    if values[best] <= 0:
-        return 0.0
-    return _entry(gap, float(samples[best]), h)
+def _crossing(gap: Callable[[float], float], start: float, end: float) -> float:
+    """Where a gap that is negative at `end` falls through 0 after `start`; there, if it never does.
 
-
-def _entry(gap: Callable[[float], float], start: float, end: float) -> float:
-    """Where a gap that is negative at `end` falls through 0 after `start`."""
+    A gap that is negative at the start, too, may be positive in between.
+    """
     above, below = gap(start), gap(end)
     if above <= 0:
-        return start
+        samples = start + (end - start) * np.arange(1, 8) / 8
+        values = np.array([gap(step) for step in samples])
+        best = int(np.argmax(values))
+        if values[best] <= 0:
+            return start
+        start, above = float(samples[best]), float(values[best])
     return start + locate_zero(lambda step: gap(start + step), end - start, above, below)
 
 

@@ -1,10 +1,13 @@
-"""Steps in which nothing happens, handed to a solver that can take them by itself.
+"""What a run whose QPs are not kept leaves to a solver that does it in compiled code.
 
-Between events a step is always the same: AB-r, columns, one QP, BDF-r, the length of the next.  A
-solver whose QPs are solved in compiled code may offer `take_quiet_steps`, a loop over such steps
-that ends where the stepper is needed.  What it does is what `Stepper.advance` does, up to rounding;
-here is what both must agree on.  It is for runs whose QPs are not kept, with forces that are
-constant between their jumps.
+Between events a step is always the same: AB-r, columns, passes of QPs, BDF-r, the length of the
+next.  A solver may offer `take_quiet_steps`, a loop over such steps that ends where the stepper is
+needed: at a collision, at an end of an edge, after a step with which a contact separates, stops or
+begins to slip.  What it does is what `Stepper.advance` does, up to rounding, and with more columns
+than the solver has a path of its own for, up to the accuracy asked of QPs.  Here is what both must
+agree on.  Forces must be constant between their jumps.
+
+It may offer `newton_coulomb`, the passes of a `Collision`, and `least_norm` (4.8), too.
 """
 
 from __future__ import annotations

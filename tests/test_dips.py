@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from problems.bodies import box, polygon_body
+from problems.constraint_graph import ConstraintGraph
 from problems.contacts import Geometry, HalfPlane
 from problems.dips import dips
+from problems.events import look_ahead
 from problems.multistep import Path
 
 THORN = polygon_body([(0.0, 0.0), (1.0, -0.1), (1.0, 0.1)])
@@ -80,3 +82,25 @@ def test_random_paths_agree_with_dense_samples() -> None:
                 inside = geometry.pose(path(end))
                 assert geometry.clearance(inside, np.array([corner]), np.array([part]))[0] < 0
     assert seen > 5
+
+
+def test_the_first_of_several_crossings_is_the_collision() -> None:
+    """A thorn enters a wedge through its side, leaves it by its top and comes down on that again.
+
+    Afterwards the edges of the two cross at the tip, with no corner of either inside the other.
+    """
+    wedge = polygon_body([(-1.0, 0.0), (0.0, -2.0), (1.0, 0.0)])
+    thorn = polygon_body([(0.0, 0.0), (-1.0, -0.1), (-1.0, -0.3)])
+    graph = ConstraintGraph(Geometry((wedge, thorn), ()), lambda a, b: 0.0)
+    end, k = 0.5 + 1e-4, 0.1  # the thorn's corner moves along y = −k (x + 0.9)(x − 0.5)
+    v = end + 1.2
+    curve = np.array([0, 0, 0, 0, -k * v * v, 0])
+    slope = -k * (2 * -1.2 + 0.4) * v
+    start = np.array([0, -2 / 3, 0, -1.2 - 2 / 3, -k * -0.3 * -1.7 - 0.4 / 3, 0])
+    path = Path(start, np.array([0, 0, 0, v, slope, 0]), curve)
+    tip = int(np.argmax(graph.geometry.pose(start).corners[3:, 0])) + 3
+    np.testing.assert_allclose(graph.geometry.pose(path(1.0)).corners[tip, 0], end)
+    _, hits, _ = look_ahead(graph, path, 1.0, 1e-6)
+    assert [(hit.corner, hit.part) for hit in hits] == [(tip, 0)]
+    where = graph.geometry.pose(path(hits[0].h)).corners[tip]
+    assert where[0] < -0.9 and where[1] < 0.0  # through the side, not through the top

@@ -1,6 +1,5 @@
 """Steps of algorithm 1 in which nothing happens, many in one compiled call.
 
-Between events a step is always the same: AB-r, columns, one QP, BDF-r, the length of the next.
 Taken one by one from Python each costs a hundred times what its arithmetic does.  Here they are
 taken until something calls for the stepper (`problems.quiet`): a corner that crosses an edge or
 leaves one, a contact that separates, a scheduled time, bodies that are still, a QP that is not
