@@ -17,11 +17,9 @@ from problems.step_kernels import FORGET_LEVEL, largest_motion, sink_levels
 
 __all__ = ["FORGET_LEVEL", "Candidates"]
 
-MARGINS = {8: 4.0, 30: 1.0}
-"""Margin over the shortest edge, up to so many bodies: to look at more candidates is cheaper than
-to list them more often."""
-SMALL_MARGIN = 0.25
-"""… and of more bodies."""
+MARGINS = ((8, 4.0), (30, 1.0), (np.inf, 0.25))
+"""Up to so many bodies, the margin over the shortest edge: of few, to look at more candidates is
+cheaper than to list them more often."""
 
 
 class Candidates:
@@ -33,8 +31,7 @@ class Candidates:
     def __init__(self, geometry: Geometry):
         self.geometry = geometry
         shortest = geometry.contact_tol / CONTACT_TOL
-        margins = (MARGINS[most] for most in sorted(MARGINS) if geometry.n_bodies <= most)
-        self.margin = shortest * next(margins, SMALL_MARGIN)
+        self.margin = shortest * next(m for most, m in MARGINS if geometry.n_bodies <= most)
         self.listed_at = np.full(3 * geometry.n_bodies, np.inf)
         self.corner, self.part = np.zeros(0, np.int64), np.zeros(0, np.int64)
         self.level, self.free = np.zeros(0), np.zeros(0, bool)

@@ -2,9 +2,9 @@
 
 A corner can cut off the tip of a part within one step.  Afterwards the edges of the two bodies
 cross, with no corner of either inside the other, and no corner would ever tell, or one that comes
-down on another edge, from the wrong side, too late.  Two tips that meet
-exactly, as those of triangles that slide on the ground, are never inside each other at all; so a
-corner that comes from afar has a `floor` a little above 0.
+down on another edge, from the wrong side, too late.  Two tips that meet exactly, as those of
+triangles that slide on the ground, are never inside each other at all; so a corner that comes from
+afar has a `floor` a little above 0.
 
 A stretch of the path is free of dips where a single edge keeps the corner out all along it:
 φ_e at its two ends is not below the curvature of φ_e over it, C s²/8 for a stretch of length s.

@@ -199,6 +199,24 @@ def outcome(entries, bodies, x, b, d, D, h, alpha0, v=None, a=None):
 
 
 @kernel
+def stopping_lengths(signs, before, after, h, eps):
+    """h at which each sliding contact stops (F,), by linear interpolation of g_Fᵀq̇; else ∞.
+
+    signs : (F,) s, 0 of a sticking one;  before, after : (F,) g_Fᵀq̇ at the ends of a step h
+    A contact that slips slower than `STOPPED` ε at h has stopped there.
+    """
+    lengths = np.full(signs.size, np.inf)
+    for j in range(signs.size):
+        if signs[j] == 0.0:
+            continue
+        if abs(after[j]) <= STOPPED * eps:
+            lengths[j] = h
+        elif before[j] * after[j] < 0.0:
+            lengths[j] = h * before[j] / (before[j] - after[j])
+    return lengths
+
+
+@kernel
 def weighted_norm(D, v):
     """‖v‖_M = ‖D v‖₂ (2.19)."""
     total = 0.0

@@ -58,7 +58,7 @@ from problems.quiet import LastStep
 from problems.run import Run
 from problems.scenes import Scene
 from problems.sequence import SimulationError, SolvesQPs
-from problems.step_kernels import fastest_body
+from problems.step_kernels import fastest_body, stopping_lengths
 from problems.transitions import Transitions
 from problems.velocity import STUCK, VelocityStep
 
@@ -206,7 +206,9 @@ class Stepper(Transitions):
                 h, h_full, redone = shorter, min(h_full, shorter), redone + step.settled
                 self._reject()
                 continue
-            lengths = self._stopping_lengths(step, signs, slip_before)
+            lengths = stopping_lengths(
+                signs, slip_before, step.slip_speed, step.h, self.options.eps
+            )
             h_stick = lengths.min(initial=np.inf)
             if h_stick < h and self.options.stops == "held":
                 signs = np.where(lengths < h, 0.0, signs)

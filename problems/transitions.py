@@ -11,7 +11,7 @@ from problems.events import Hit, SlideOff, approach_speed, successor, touching
 from problems.impulses import solve_impulse
 from problems.qp import Vector
 from problems.sequence import SimulationError
-from problems.step_kernels import APPROACHING, STOPPED
+from problems.step_kernels import APPROACHING
 from problems.system import System
 from problems.velocity import VelocityStep
 
@@ -177,20 +177,6 @@ class Transitions(System):
         for friction, speed in zip(assembly.frictions, slip, strict=True):
             if friction.sign != 0 and speed != 0:
                 friction.sign = -int(np.sign(speed))
-
-    def _stopping_lengths(self, step: VelocityStep, signs: Vector, slip_before: Vector) -> Vector:
-        """h at which each sliding contact stops (F,), by linear interpolation of g_Fᵀq̇; else ∞.
-
-        A contact that slips slower than `STOPPED` ε at h has stopped there.
-        """
-        after = step.slip_speed
-        lengths = np.full(signs.size, np.inf)
-        if not signs.any():
-            return lengths
-        turned = (signs != 0) & (slip_before * after < 0)
-        lengths[turned] = step.h * slip_before[turned] / (slip_before - after)[turned]
-        lengths[(signs != 0) & (np.abs(after) <= STOPPED * self.options.eps)] = step.h
-        return lengths
 
     def _check_constraints(self, assembly: Assembly, speed: Vector) -> None:
         """g_Nᵀq̇ ≥ 0 must hold at the start of a step, to the accuracy of the QP."""

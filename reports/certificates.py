@@ -198,7 +198,7 @@ def _by_decades(axes: Axes, found: pd.DataFrame) -> None:
     axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.minorticks_off()
     axes.set_title("By size of the error")
-    _legend_below(axes, 3)
+    _legend_below(axes)
 
 
 def _by_scenes(axes: Axes, found: pd.DataFrame) -> None:
@@ -212,12 +212,12 @@ def _by_scenes(axes: Axes, found: pd.DataFrame) -> None:
         axes.plot(share, sharp, color=LINES[colour], linestyle=style, linewidth=1.4, label=scene)
     axes.set_xlabel("share of the answers")
     axes.set_title("By recording")
-    _legend_below(axes, 3)
+    _legend_below(axes)
 
 
-def _legend_below(axes: Axes, columns: int) -> None:
+def _legend_below(axes: Axes) -> None:
     """Below the axis, where it hides no line."""
     axes.legend(
-        loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=columns, columnspacing=1.0,
+        loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=3, columnspacing=1.0,
         handlelength=1.4,
     )  # fmt: skip

@@ -19,6 +19,7 @@ So differences of less than `DISTURBED` between two arms are not put down to the
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -213,19 +214,11 @@ def plot_starts(results: Results, path: str | Path) -> Path:
 
 def _rows(axes: Axes, pooled: pd.DataFrame, solvers: list[str]) -> None:
     """One arm of each of these solvers: its time, and iterations as bars."""
-    at, places = pooled.reindex(solvers), range(len(solvers))
-    axes.grid(True, axis="x", which="both")
-    axes.axvline(1.0, color=INK, linewidth=0.8, zorder=1)
-    axes.plot(
-        at["iterations"].clip(lower=1.05 * LEAST), places, color=SOFT, linestyle="none",
-        marker="|", markersize=7, markeredgewidth=1.4,
-    )  # fmt: skip
-    off = [(at["ratio"] - at["from"]).clip(lower=0), (at["to"] - at["ratio"]).clip(lower=0)]
-    axes.errorbar(
-        at["ratio"], places, xerr=off, color=COLD, marker="o", linestyle="none", markersize=3.6,
-        elinewidth=1.0, zorder=3,
-    )  # fmt: skip
-    axes.set_yticks(places, solvers)
+    _ratio_axis(axes)
+    _draw_iterations(axes, pooled.reindex(solvers))
+    look = {"color": COLD, "marker": "o", "linewidth": 0.0}
+    _draw_times(axes, pooled.reindex(solvers), range(len(solvers)), look)
+    axes.set_yticks(range(len(solvers)), solvers)
     axes.set_ylim(len(solvers) - 0.5, -0.5)
 
 
@@ -234,16 +227,12 @@ def _panel(axes: Axes, own: pd.DataFrame, scenes: pd.DataFrame, arms: list[str])
     axes.set_xscale("log")
     axes.set_xlim(LEAST, 6.0)
     axes.set_xticks([0.1, 1.0], ["0.1", "1"])
-    axes.grid(True, axis="x", which="both")
-    axes.axvline(1.0, color=INK, linewidth=0.8, zorder=1)
+    _ratio_axis(axes)
     line = [arm for arm in arms if arm in QUALITIES]
     for _, part in scenes.groupby("scene"):
         ratios = part.set_index("arm")["ratio"].reindex(line)
         axes.plot(ratios, range(len(line)), color=SOFT, linewidth=0.6, alpha=0.6, zorder=1)
-    axes.plot(
-        own.reindex(arms)["iterations"].clip(lower=1.05 * LEAST), range(len(arms)), color=SOFT,
-        linestyle="none", marker="|", markersize=7, markeredgewidth=1.4, label="iterations",
-    )  # fmt: skip
+    _draw_iterations(axes, own.reindex(arms))
     looks: tuple[tuple[list[str], dict[str, Any]], ...] = (
         (line, {"color": COLD, "marker": "o", "linewidth": 1.6, "label": "time, by quality"}),
         (
@@ -252,12 +241,25 @@ def _panel(axes: Axes, own: pd.DataFrame, scenes: pd.DataFrame, arms: list[str])
         ),
     )
     for chosen, look in looks:
-        at = own.reindex(chosen)
-        off = [(at["ratio"] - at["from"]).clip(lower=0), (at["to"] - at["ratio"]).clip(lower=0)]
-        places = [arms.index(arm) for arm in chosen]
-        axes.errorbar(
-            at["ratio"], places, xerr=off, markersize=3.6, elinewidth=1.0, zorder=3, **look
-        )
+        _draw_times(axes, own.reindex(chosen), [arms.index(arm) for arm in chosen], look)
+
+
+def _ratio_axis(axes: Axes) -> None:
+    axes.grid(True, axis="x", which="both")
+    axes.axvline(1.0, color=INK, linewidth=0.8, zorder=1)
+
+
+def _draw_iterations(axes: Axes, at: pd.DataFrame) -> None:
+    axes.plot(
+        at["iterations"].clip(lower=1.05 * LEAST), range(len(at)), color=SOFT,
+        linestyle="none", marker="|", markersize=7, markeredgewidth=1.4, label="iterations",
+    )  # fmt: skip
+
+
+def _draw_times(axes: Axes, at: pd.DataFrame, places: Sequence[int], look: dict[str, Any]) -> None:
+    """Ratios of times with their ranges."""
+    off = [(at["ratio"] - at["from"]).clip(lower=0), (at["to"] - at["ratio"]).clip(lower=0)]
+    axes.errorbar(at["ratio"], places, xerr=off, markersize=3.6, elinewidth=1.0, zorder=3, **look)
 
 
 def starts_answer(results: Results) -> Answer | None:

@@ -59,7 +59,15 @@ import numpy as np
 import scipy.sparse as sp
 
 from problems.qp import ContactQP, Solution, Status, Vector, WorkCounts
-from problems.quiet import SOLVES, TAKEN, Collision, Impact, QuietSteps, read_only
+from problems.quiet import (
+    SOLVES,
+    TAKEN,
+    Collision,
+    Frictions,
+    Impact,
+    QuietSteps,
+    read_only,
+)
 from solvers.active_set.compiled import entry
 from solvers.active_set.loop import (
     CUSTOM,
@@ -114,6 +122,7 @@ equations, old R dense, old R sparse.  16: 2.7, 3.7, 10 / 2.2, 6.9, 9.3.  32 / 3
 """
 SMALL_CALLS = 96
 """Columns up to which whole steps and collisions are taken in one call."""
+NO_LEAST_DISTANCE = least_distance_room(0, 0)
 EXACT_KINDS = ("impulse", "minimum_norm")
 VARIANTS = {
     "": "the previous working set; today's factorization if small, the online rule if not",
@@ -162,9 +171,13 @@ def dense_room(m: int, k: int, start: Start) -> Workspace:
     return make_workspace(m, k, room)
 
 
-def passes_rooms(m: int, k: int, sticking: int) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+def passes_rooms(m: int, frictions: Frictions) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     """Zeros for A, d and the bounds of a QP, with a `LeastDistance`; the same memory, read only."""
-    norm_room, norm_posed = least_distance_room(k, 2 * sticking)
+    k, rubs = frictions.row_id.size, frictions.mu.size > 0
+    # λ of least norm bounds friction
+    norm_room, norm_posed = (
+        least_distance_room(k, 2 * frictions.sticking.size) if rubs else NO_LEAST_DISTANCE
+    )
     arrays = np.zeros((m, k)), np.zeros(m), np.zeros(k), np.zeros(k)
     return (*arrays, norm_room), (*(read_only(array) for array in arrays), norm_posed)
 
@@ -311,11 +324,11 @@ class Lotstedt(Solver):
         )
 
     def take_quiet_steps(self, run: QuietSteps, start: Solution | None) -> Solution | None:
-        """Steps of a simulation by `quiet_steps`, or None; see `_in_small_calls`."""
+        """Steps of a simulation by `quiet_steps`, or None; see `_small_calls_mode`."""
         m, k = run.D.size, run.frictions.row_id.size
-        if not self._in_small_calls(k):
+        mode = self._small_calls_mode(k)
+        if mode is None:
             return None
-        mode: int = self._small  # type: ignore[attr-defined]
         start = usable(start)
         if start is None or start.x is None:
             room = make_workspace(m, k)
@@ -327,7 +340,7 @@ class Lotstedt(Solver):
                 room = dense_room(m, k, before)
         asked = run.eps0 if self.accuracy is None else self.accuracy
         eps0 = -1.0 if asked == "default" else float(asked)
-        rooms = passes_rooms(m, k, run.frictions.sticking.size)
+        rooms = passes_rooms(m, run.frictions)
         quiet_steps(run, *rooms, room.S, room.I, eps0, mode)
         if not run.counts[SOLVES] and not run.counts[TAKEN]:
             return None
@@ -342,34 +355,34 @@ class Lotstedt(Solver):
     def newton_coulomb(
         self, collision: Collision, most: int, tolerance: float, accuracy: float
     ) -> Impact | None:
-        """q̇₊ and Λ by `impulse_passes`; None where they do not settle, see `_in_small_calls`."""
+        """q̇₊ and Λ by `impulse_passes`; None where they do not settle, see `_small_calls_mode`."""
         m, k = collision.D.size, collision.frictions.row_id.size
-        if not self._in_small_calls(k):
+        mode = self._small_calls_mode(k)
+        if mode is None:
             return None
         room = make_workspace(m, k)
-        rooms = passes_rooms(m, k, collision.frictions.sticking.size)
-        mode: int = self._small  # type: ignore[attr-defined]
+        rooms = passes_rooms(m, collision.frictions)
         settled, *impact = impulse_passes(
             *collision, most, tolerance, *rooms, room.S, room.I, accuracy, mode
         )
         return Impact(*impact) if settled else None
 
-    def _in_small_calls(self, k: int) -> bool:
-        """Whether a whole step or collision of k columns is done in one call, QPs unseen.
+    def _small_calls_mode(self, k: int) -> int | None:
+        """`mode` where a whole step or collision of k columns is done in one call, QPs unseen.
 
         For the method's default alone, with today's factorization also somewhat beyond `CROSSOVER`:
         what a step costs in Python is more than what a kept R would save.
         """
         mode: int = self._small  # type: ignore[attr-defined]
-        return not (self.variant or mode & CUSTOM or k > SMALL_CALLS)
+        return None if self.variant or mode & CUSTOM or k > SMALL_CALLS else mode
 
     def least_norm(
         self, qp: ContactQP, x: Vector, coulomb: sp.csr_array | None
     ) -> tuple[Vector, int] | None:
         """`problems.minimum_norm.least_norm` and how many QPs it took; None where k is large."""
-        if not self._in_small_calls(qp.k):
+        mode = self._small_calls_mode(qp.k)
+        if mode is None:
             return None
-        mode: int = self._small  # type: ignore[attr-defined]
         C = np.zeros((0, qp.k)) if coulomb is None else coulomb.toarray()
         rooms = least_distance_room(qp.k, C.shape[0])
         return least_norm(qp.dense_A.copy(), qp.lower.copy(), qp.upper.copy(), x, C, *rooms, mode)

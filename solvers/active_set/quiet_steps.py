@@ -67,7 +67,6 @@ from problems.quiet import (
 )
 from problems.step_kernels import (
     APPROACHING,
-    STOPPED,
     beyond_edge,
     enters,
     fastest_body,
@@ -75,6 +74,7 @@ from problems.step_kernels import (
     meeting_reach,
     path_end,
     sink_levels,
+    stopping_lengths,
     weighted_norm,
 )
 from solvers.active_set.compiled import kernel
@@ -126,21 +126,6 @@ def covered(c, p, place, corner_part, corners, tolerance):
         if same and hypot(corners[place[j, 0], 0] - x, corners[place[j, 0], 1] - y) <= tolerance:
             return True
     return False
-
-
-@kernel
-def stopping_lengths(signs, slip, new, h, eps, lengths):
-    """As `Transitions._stopping_lengths`, written to lengths (F,); the shortest."""
-    shortest = inf
-    for j in range(signs.size):
-        lengths[j] = inf
-        if signs[j] != 0.0:
-            if slip[j] * new[j] < 0.0:
-                lengths[j] = h * slip[j] / (slip[j] - new[j])
-            if abs(new[j]) <= STOPPED * eps:
-                lengths[j] = h
-        shortest = min(shortest, lengths[j])
-    return shortest
 
 
 @kernel
@@ -212,7 +197,6 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
             return
     longest, redone, rejected, solved = inf, 0, 0, 0
     cut, located, done = inf, 0, False
-    lengths = np.full(F, inf)
     while counts[TAKEN] < gaps.size:
         counts[ENDED] = EVENT
         steps = counts[STEPS]
@@ -281,7 +265,8 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
             continue
         if F > 0:
             new_slip = column_speeds(tangent, rubbing, v)
-            stop = stopping_lengths(signs, slip, new_slip, h, reals[EPS], lengths)
+            lengths = stopping_lengths(signs, slip, new_slip, h, reals[EPS])
+            stop = lengths.min()
             if stop < SHORTEST_STEP or (stop < inf and not counts[CUTS]):
                 return
             if stop < h * (1.0 - 1e-6):

@@ -173,8 +173,7 @@ def neighbours(m, columns, indptr, indices, past):
     seen, at = np.empty(p, np.int32), np.zeros(p, np.int32)
     for counted in (False, True):
         if counted:
-            for place in range(p):
-                Gp[place + 1] = Gp[place] + at[place]
+            Gp[1:] = np.cumsum(at)
             at[:], Gi = Gp[:-1], np.empty(Gp[p], np.int32)
         seen[:] = -1
         for place in range(p):  # joins the lists of the others, so that these rise
@@ -211,8 +210,7 @@ def fill(Gp, Gi):
     Lp, Li, at = np.zeros(k + 1, np.int64), np.empty(0, np.int32), np.zeros(k, np.int64)
     for counted in (False, True):
         if counted:
-            for c in range(k):
-                Lp[c + 1] = Lp[c] + at[c]
+            Lp[1:] = np.cumsum(at)
             at[:], Li = Lp[:-1], np.empty(Lp[k], np.int32)
         seen[:] = -1
         for c in range(k):
