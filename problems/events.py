@@ -22,7 +22,7 @@ from problems.contacts import Columns, Geometry, Pose
 from problems.dips import dips, floors
 from problems.multistep import Path
 from problems.qp import Vector
-from problems.step_kernels import END_SLACK, arrive, beyond_edge, ends_inside, meeting_reach
+from problems.step_kernels import END_SLACK, arrive, beyond_edge, ends_inside, meeting_reach, ways
 
 SAME_TIME = 1e-9
 """Events within this many seconds of each other are simultaneous."""
@@ -121,7 +121,8 @@ def first_hits(
     clearance : (L,) of all candidates at path(h)
     """
     geometry, near = graph.geometry, graph.candidates
-    reach = meeting_reach(path.velocity, path.curvature, h, geometry.radius)
+    way = ways(path.velocity, path.curvature, h, geometry.radius)
+    reach = meeting_reach(way, geometry.corner_body[near.corner], geometry.part_body[near.part])
     there = np.flatnonzero(near.free & (clearance - near.level <= reach))
     corner, part, level = near.corner[there], near.part[there], near.level[there]
     before = geometry.clearance(geometry.pose(path.start), corner, part) - level

@@ -45,22 +45,25 @@ def largest_motion(before, after, radius):
 
 
 @kernel
-def farthest_way(velocity, curvature, h, radius):
-    """Bound of how far any point moves on the path h (velocity + h curvature), there and back."""
-    most = 0.0
+def ways(velocity, curvature, h, radius):
+    """Bound of how far any point of each body moves on a path, there and back, (n + 1,) [m].
+
+    velocity, curvature : those of `path_end`;  the last entry is that of the ground, 0
+    """
+    way = np.zeros(radius.size + 1)
     for b in range(radius.size):
         i, j, l = 3 * b, 3 * b + 1, 3 * b + 2
         x = max(abs(velocity[i]), abs(velocity[i] + 2 * h * curvature[i]))
         y = max(abs(velocity[j]), abs(velocity[j] + 2 * h * curvature[j]))
         turn = max(abs(velocity[l]), abs(velocity[l] + 2 * h * curvature[l]))
-        most = max(most, np.sqrt(x * x + y * y) + radius[b] * turn)
-    return h * most
+        way[b] = h * (np.sqrt(x * x + y * y) + radius[b] * turn)
+    return way
 
 
 @kernel
-def meeting_reach(velocity, curvature, h, radius):
-    """How far apart two points that meet on the path may be at its end [m]."""
-    return 2.0 * farthest_way(velocity, curvature, h, radius) + ARRIVAL
+def meeting_reach(ways, a, b):
+    """How far apart points of bodies a and b that meet on a path may be at its end [m]."""
+    return ways[a] + ways[b] + ARRIVAL
 
 
 @kernel
@@ -136,14 +139,15 @@ def arrive(
     corners, centres, cosine, sine = place_corners(q, corner_body, corner_local)
     moved = largest_motion(listed_at, q, radius)
     clearance = clearances(corners, centres, cosine, sine, corner, part, part_body, normal, offset)
-    reach = meeting_reach(velocity, curvature, h, radius)
+    way = ways(velocity, curvature, h, radius)
     phi = np.empty((MAX_HALVINGS + 2, offset.shape[1]))
     right, left = np.empty(MAX_HALVINGS + 2), np.empty(offset.shape[1])
     hit = False
     for i in range(level.size):
+        c, p = corner[i], part[i]
+        reach = meeting_reach(way, corner_body[c], part_body[p])
         if hit or not free[i] or clearance[i] - level[i] > reach:
             continue
-        c, p = corner[i], part[i]
         before = clearance_on_path(
             *(q0, velocity, curvature, 0.0, c, p),
             *(corner_body, corner_local, part_body, normal, offset),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from problems.bodies import box, polygon_body
+from problems.bodies import GROUND, box, polygon_body
 from problems.contact_kernels import dense_columns, gather_columns
 from problems.contacts import Geometry, HalfPlane
 from problems.friction_kernels import driven_forces, forced_signs, friction_bounds
@@ -18,6 +18,7 @@ from problems.step_kernels import (
     momentum,
     outcome,
     path_end,
+    ways,
     weighted_norm,
 )
 
@@ -147,15 +148,21 @@ def test_a_corner_is_beyond_an_edge_of_finite_length_only():
 def test_points_that_met_are_within_reach():
     """Two bodies that part at 3 m/s each, from one place, while one also turns."""
     velocity, radius, h = np.array([3.0, 0, 0, -3, 0, 0]), np.array([0.5, 1.0]), 0.1
-    apart = 2 * 3.0 * h
     at_rest = np.zeros(6)
-    assert apart < meeting_reach(velocity, at_rest, h, radius) < apart + 1e-6
+
+    def reach(velocity, curvature):
+        return meeting_reach(ways(velocity, curvature, h, radius), 0, 1)
+
+    apart = 2 * 3.0 * h
+    assert apart < reach(velocity, at_rest) < apart + 1e-6
     turning = velocity + np.array([0.0, 0, 2, 0, 0, 0])
-    assert meeting_reach(turning, at_rest, h, radius) == pytest.approx(apart + 2 * 0.5 * 2 * h)
+    assert reach(turning, at_rest) == pytest.approx(apart + 0.5 * 2 * h)
     # the same from rest, at twice the speed in the end
-    grown = meeting_reach(at_rest, velocity / h, h, radius)
+    grown = reach(at_rest, velocity / h)
     assert path_end(at_rest, at_rest, velocity / h, h) @ [1, 0, 0, -1, 0, 0] == pytest.approx(apart)
     assert apart < grown < 2 * apart + 1e-6
+    # the ground stays where it is
+    assert meeting_reach(ways(velocity, at_rest, h, radius), 1, GROUND) < 0.5 * apart + 1e-6
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.75, 0.76, -0.75, -0.76])

@@ -75,6 +75,7 @@ from problems.step_kernels import (
     path_end,
     sink_levels,
     stopping_lengths,
+    ways,
     weighted_norm,
 )
 from solvers.active_set.compiled import kernel
@@ -219,11 +220,12 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
             return
         pose = place_corners(q, shapes.corner_body, shapes.corner_local)
         after = clearances(*pose, corner, part, *edges)
-        reach = meeting_reach(state[V], bend, h, shapes.radius)
+        way = ways(state[V], bend, h, shapes.radius)
         for i in range(corner.size):
+            c, p = corner[i], part[i]
+            reach = meeting_reach(way, shapes.corner_body[c], shapes.part_body[p])
             if not free[i] or after[i] - level[i] > reach:
                 continue
-            c, p = corner[i], part[i]
             met = enters(
                 *(state[Q], state[V], bend, h, before[i], after[i], level[i]),
                 *(shapes.corner_body[c], shapes.part_body[p], shapes.corner_local[c]),
