@@ -55,6 +55,7 @@ def kernel_decorator(sources: Sequence[Path]) -> Callable[[Any], Any]:
 
 
 SOURCES = (
+    "active_kernels.py",
     "contact_kernels.py",
     "broad_phase.py",
     "dips.py",

@@ -11,12 +11,13 @@ What is near but not active is in `problems.candidates`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
+from problems.active_kernels import Contacts
 from problems.candidates import Candidates
 from problems.contacts import PARALLEL_SINE, Geometry, Pose
 from problems.layout import Layout
@@ -87,13 +88,19 @@ class ActiveSet(NamedTuple):
 
     def layout(self, signs: Vector) -> Layout:
         """Columns of the QP with the frictions that stick, s = 0 in `signs` (F,)."""
-        sticks = signs == 0
-        key = sticks.tobytes()
+        key = (signs == 0).tobytes()
         if key not in self.layouts:
             self.layouts[key] = Layout(
-                self.normal_ids, self.friction_ids, self.feature, self.first, sticks
+                self.normal_ids, self.friction_ids, self.feature, self.first, signs
             )
         return self.layouts[key]
+
+    def contacts(self, signs: Vector) -> Contacts:
+        """The same for kernels, which may write to the multipliers; signs (F,) of the frictions."""
+        return Contacts(
+            *(self.place, self.normal_ids, self.friction_of, self.lam[0], self.lam[1]),
+            *(self.friction_ids, self.first, self.mu, signs),
+        )
 
     def carried_by(
         self, geometry: Geometry, handed_over: Mapping[int, tuple[int, int, int]]
@@ -210,10 +217,22 @@ class ConstraintGraph:
             normal.corner, normal.part, normal.edge = place
         self.candidates.occupy(self._active.place)
 
+    def keep_multipliers(self, lam: Sequence[Vector]) -> None:
+        """λ_N (N,) of the last two time points, newest first."""
+        if self._active is not None:
+            self._active.lam[:] = lam
+        else:
+            self._lam = dict(zip(sorted(self.normals), np.column_stack(lam).tolist(), strict=True))
+
     def note_multipliers(self, lam_N: Vector) -> None:
         """Keep λ_N (N,) of a new time point beside that of the last."""
         lam = self.active_set().lam
         lam[1], lam[0] = lam[0], lam_N
+
+    def row_ids(self) -> tuple[Indices, Indices]:
+        """Those of the active normals (N,) and frictions (F,), in order."""
+        ids = sorted(self.normals), sorted(self.frictions)
+        return np.array(ids[0], dtype=np.int64), np.array(ids[1], dtype=np.int64)
 
     def active(self) -> list[Normal]:
         """J_N in the order of row_id."""

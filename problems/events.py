@@ -22,7 +22,7 @@ from problems.contacts import Columns, Geometry, Pose
 from problems.dips import dips, floors
 from problems.multistep import Path
 from problems.qp import Vector
-from problems.step_kernels import END_SLACK, arrive, beyond_edge, ends_inside, meeting_reach, ways
+from problems.step_kernels import END_SLACK, arrive, beyond_edge, ends_inside, miss, ways
 
 SAME_TIME = 1e-9
 """Events within this many seconds of each other are simultaneous."""
@@ -122,8 +122,8 @@ def first_hits(
     """
     geometry, near = graph.geometry, graph.candidates
     way = ways(path.velocity, path.curvature, h, geometry.radius)
-    reach = meeting_reach(way, geometry.corner_body[near.corner], geometry.part_body[near.part])
-    there = np.flatnonzero(near.free & (clearance - near.level <= reach))
+    both = way[geometry.corner_body[near.corner]] + way[geometry.part_body[near.part]]
+    there = np.flatnonzero(near.free & ~miss(0.0, clearance - near.level, both))
     corner, part, level = near.corner[there], near.part[there], near.level[there]
     before = geometry.clearance(geometry.pose(path.start), corner, part) - level
     after = clearance[there] - level

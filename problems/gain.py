@@ -28,13 +28,15 @@ class GainWatch:
 
     An episode ends with a step, none of whose trials failed, in which no contact has one by itself
     and the passes are quiet.
+
+    failed : whether the last trial has
     """
 
     def __init__(self, D: Vector, velocity_dependent: bool):
         self._D = D
         self._velocity_dependent = velocity_dependent
         self._in_episode = False
-        self._failed = False
+        self.failed = False
 
     def calm(self) -> None:
         """A step without a gain of 1 or more has been taken."""
@@ -47,8 +49,8 @@ class GainWatch:
         """
         own = self._own_gains(step, signs)
         few = step.passes <= QUIET_PASSES or self._velocity_dependent
-        quiet = step.settled and few and not self._failed
-        self._failed = not step.settled
+        quiet = step.settled and few and not self.failed
+        self.failed = not step.settled
         if quiet and own.max(initial=0.0) < 1:
             self.calm()
             return None

@@ -6,8 +6,8 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
 
+from problems.active_kernels import qp_columns
 from problems.minimum_norm import IndependenceProof
 from problems.qp import Indices, Vector
 
@@ -16,9 +16,7 @@ class Layout:
     """Columns of the QP: all normals and the sticking frictions, in the order of row_id.
 
     row_id (k,), feature (k, 5) : see `ContactQP`
-    row (k,), tangential (k,) : each column is g_N, or g_F, of this row of the normals
-    normal_column (N,) : the column of each normal
-    sticking (S,), sticking_column (S,) : the frictions that have a column, and which
+    columns : `qp_columns`, row, tangential, normal_column, sticking, sticking_column : its parts
     cones, proof : `friction.coulomb_rows` and whether its columns are independent, kept here
     """
 
@@ -28,19 +26,13 @@ class Layout:
         friction_ids: Indices,
         feature: Indices,
         first: Indices,
-        sticks: NDArray[np.bool_],
+        signs: Vector,
     ):
-        self.sticking = np.flatnonzero(sticks)
-        count = normal_ids.size
-        ids = np.concatenate([normal_ids, friction_ids[self.sticking]])
-        self.order = np.argsort(ids, kind="stable")
-        self.row_id = ids[self.order]
-        self.row = np.concatenate([np.arange(count), first[self.sticking]])[self.order]
-        self.tangential = self.order >= count
+        self.columns = qp_columns(normal_ids, friction_ids, first, signs)
+        self.row_id, self.row, self.tangential = self.columns[:3]
+        self.normal_column, self.sticking, self.sticking_column = self.columns[3:]
         self.feature = feature[self.row]
         self.feature[:, 4] = self.tangential
-        column = np.argsort(self.order)
-        self.normal_column, self.sticking_column = column[:count], column[count:]
         self.proof = IndependenceProof()
         self.cones: dict[bytes, sp.csr_array] = {}
         self.row_id.setflags(write=False)

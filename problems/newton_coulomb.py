@@ -21,6 +21,7 @@ import copy
 
 import numpy as np
 
+from problems.active_kernels import Frictions
 from problems.assembly import Assembly, scaled_matrix
 from problems.coulomb_lcp import coulomb_multipliers
 from problems.friction import coulomb_rows
@@ -28,7 +29,7 @@ from problems.friction_kernels import force_change
 from problems.friction_passes import newton_multipliers
 from problems.minimum_norm import minimum_norm
 from problems.qp import Vector
-from problems.quiet import Collision, Frictions
+from problems.quiet import Collision
 from problems.sequence import QPSequence, SimulationError
 
 MAX_PASSES = 25
@@ -64,7 +65,8 @@ def newton_coulomb_impulse(
     ask_lcp = MAX_PASSES
     compiled = None if qps.keep else getattr(qps.solver, "newton_coulomb", None)
     if compiled is not None:
-        frictions = Frictions.of(hit.active, hit.mu, signs)
+        rubs = hit.active.friction_of, hit.active.first, hit.mu, signs
+        frictions = Frictions(*rubs, *layout.columns)
         columns = hit.columns.normal, hit.columns.bodies
         collision = Collision(frictions, D, v, F, columns, (entries, bodies), hit.tangents)
         impact = compiled(collision, MAX_PASSES, SETTLED * size, accuracy)

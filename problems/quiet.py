@@ -2,10 +2,10 @@
 
 Between events a step is always the same: AB-r, columns, passes of QPs, BDF-r, the length of the
 next.  A solver may offer `take_quiet_steps`, a loop over such steps that ends where the stepper is
-needed: at a collision, at an end of an edge, after a step with which a contact separates, stops or
-begins to slip.  What it does is what `Stepper.advance` does, up to rounding, and with more columns
-than the solver has a path of its own for, up to the accuracy asked of QPs.  Here is what both must
-agree on.  Forces must be constant between their jumps.
+needed: at a collision, at an end of an edge, after a step with which friction stops.  What it does
+is what `Stepper.advance` does, up to rounding, and with more columns than the solver has a path of
+its own for, up to the accuracy asked of QPs.  Here is what both must agree on.  Forces must be
+constant between their jumps.
 
 It may offer `newton_coulomb`, the passes of a `Collision`, and `least_norm` (4.8), too.
 """
@@ -17,16 +17,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from problems.active_kernels import Contacts, Frictions
 from problems.assembly import Assembly
 from problems.constraint_graph import ActiveSet
 from problems.contacts import Geometry
 from problems.multistep import asked_accuracy
 from problems.qp import Indices, Solution, Vector
-from problems.run import Multipliers
+from problems.run import Stretch
 from problems.velocity import MAX_PASSES, VelocityStep
 
 if TYPE_CHECKING:
     from problems.system import System
+    from problems.transitions import Transitions
 
 MOST = 256
 """Steps of one call."""
@@ -41,12 +43,13 @@ EPS, DROP_TOL, H_MAX, FIXED, REST_SPEED, UNTIL, REACH, CONTACT_TOL = range(3, 11
 # them that belong to steps taken or rejected, highest order, why there were no more, time points
 # with λ, passes of friction at most (1: lagged), steps rejected because their error turned out too
 # large or friction stops, whether nothing happens at UNTIL, passes of the last step, whether steps
-# are cut where friction stops
+# are cut where friction stops, changes of the contacts
 STEPS, TAKEN, SOLVES, COUNTED, HIGHEST, ENDED, KNOWN, MOST_PASSES, REJECTED, OPEN = range(10)
-PASSES, CUTS = 10, 11
-# values of `counts[ENDED]`: the next step is the stepper's, it has to look at the last one first,
-# the candidates have to be listed anew
-EVENT, LOOK, STALE = range(3)
+PASSES, CUTS, CHANGES = 10, 11, 12
+ENTRIES = 13
+# values of `counts[ENDED]`: the next step is the stepper's; it has to look at the last one first;
+# there is no more room, or the candidates have to be listed anew; on the way, contacts have changed
+EVENT, LOOK, AGAIN, CHANGED = range(4)
 
 
 class Shapes(NamedTuple):
@@ -67,63 +70,30 @@ class Shapes(NamedTuple):
         return cls(*(getattr(geometry, name) for name in cls._fields))
 
 
-class Frictions(NamedTuple):
-    """Which normals bound which frictions, and the columns of the QP of both.
-
-    For N normals, F frictions, of which S stick, and k columns; see `ActiveSet` and `Layout`.
-
-    friction_of : (N,);  first, mu : (F,)
-    signs : (F,) s of those that slide, 0 of those that stick
-    row, tangential, row_id : (k,), the last read only
-    normal_column : (N,);  sticking, sticking_column : (S,)
-    """
-
-    friction_of: Indices
-    first: Indices
-    mu: Vector
-    signs: Vector
-    row: Indices
-    tangential: NDArray[np.bool_]
-    row_id: Indices
-    normal_column: Indices
-    sticking: Indices
-    sticking_column: Indices
-
-    @classmethod
-    def of(cls, active: ActiveSet, mu: Vector, signs: Vector) -> Frictions:
-        """Those of J_N and J_F with the coefficients mu (F,)."""
-        layout = active.layout(signs)
-        return cls(
-            *(active.friction_of, active.first, mu, signs),
-            *(layout.row, layout.tangential, layout.row_id),
-            *(layout.normal_column, layout.sticking, layout.sticking_column),
-        )
-
-
 class QuietSteps(NamedTuple):
     """What steps are taken with, and what they leave behind.
 
-    For n bodies, N active normals, F frictions, and QPs of k columns.
+    For n bodies and at first N active normals and F frictions, of which some leave on the way; what
+    is left of arrays of these lengths is in front then.
 
     D : (3n,);  forces : (3n,) f;  eps0 : the accuracy asked of a QP (3.13)
-    place : (N, 3) corner, part, edge;  frictions : see there
-    lam, lam_before : (N,) λ_N at the last two time points, updated
-    corner, part, level, free : (L,) the candidates themselves, whose levels are updated
+    contacts : see there, multipliers and signs are updated
+    corner, part, level, free : (L,) the candidates themselves, updated
     listed_at : (3n,) where the candidates were listed
     state, reals, counts : see the names above, updated
     track : (MOST, 1 + 6n) t, q, q̇ of every step;  gaps : (MOST,) min φ [m]
-    multipliers : (MOST, N + F) λ
+    multipliers : (MOST, N + F) λ_N and λ_F
     at_bound, stopped : (F,) of the last step: `VelocityStep.at_bound`, whether a sliding one stops
+    changes : (N + F, 2) steps taken and the row_id of a normal that left after them, or of a
+        friction that began to slip
+    sense : (N + F,) the clearance of that normal [m], or the sign s of that friction
     """
 
     shapes: Shapes
     D: Vector
     forces: Vector
     eps0: float
-    place: Indices
-    frictions: Frictions
-    lam: Vector
-    lam_before: Vector
+    contacts: Contacts
     corner: Indices
     part: Indices
     level: Vector
@@ -137,6 +107,8 @@ class QuietSteps(NamedTuple):
     multipliers: Vector
     at_bound: NDArray[np.bool_]
     stopped: NDArray[np.bool_]
+    changes: Indices
+    sense: Vector
 
 
 class Collision(NamedTuple):
@@ -165,12 +137,11 @@ class Impact(NamedTuple):
 
 
 class LastStep(NamedTuple):
-    """The last of so many `steps`, s (F,) of its frictions, and whether they stop at its end."""
+    """A step that the stepper has to look at, s (F,) of its frictions, and whether they stop."""
 
     step: VelocityStep
     signs: Vector
     stopped: NDArray[np.bool_]
-    steps: int
 
 
 class TakesQuietSteps(Protocol):
@@ -196,20 +167,32 @@ class Quiet:
         able &= stepper.options.drift == "none" and not stepper.varying
         self.solver: TakesQuietSteps | None = solver if able else None
         self._event_is_next = False
+        if not able:
+            return
+        m, options = stepper.q.size, stepper.options
+        self._state, self._counts = np.zeros((5, m)), np.zeros(ENTRIES, dtype=np.int64)
+        self._track, self._gaps = np.empty((MOST, 1 + 2 * m)), np.empty(MOST)
+        self._reals = np.array(
+            [
+                *(0.0, 0.0, 0.0, options.eps, options.drop_tol, options.h_max),
+                *(options.fixed_step or 0.0, options.rest_speed, 0.0),
+                *(stepper.graph.candidates.margin / 2, stepper.graph.geometry.contact_tol),
+            ]
+        )
 
-    def take_steps(self, stepper: System, end: float) -> LastStep | None:
-        """Let the solver take steps from here to `end` [s]; the last of them, None without any.
+    def take_steps(self, stepper: Transitions, end: float) -> tuple[int, LastStep | None]:
+        """Let the solver take steps from here to `end` [s]: how many, and the last of them.
 
-        The stepper is left as it is after that, before step 4.
+        The stepper is left as it is after that; before step 4, where the last step is given.
         """
         if self.solver is None:
-            return None
-        active = stepper.graph.active_set()
-        if not self._may_take_any(stepper, active):
-            return None
-        taken, ended = 0, STALE
-        while ended == STALE:
-            run = _prepare(stepper, active, end)
+            return 0, None
+        if not self._may_take_any(stepper):
+            return 0, None
+        taken, ended = 0, AGAIN
+        while ended == AGAIN:
+            active = stepper.graph.active_set()
+            run = self._prepare(stepper, active, end)
             solution = self.solver.take_quiet_steps(run, stepper.qps.start())
             steps, rejected, solved, ended = run.counts[[TAKEN, REJECTED, COUNTED, ENDED]].tolist()
             if solution is not None:
@@ -217,102 +200,115 @@ class Quiet:
                 stepper.counts["rejected_steps"] += rejected
             if steps:
                 _follow(stepper, run, active, steps)
-                last = run
             taken += steps
         self._event_is_next = taken > 0 and ended != LOOK
-        return _last_step(stepper, last, taken) if taken else None
+        return taken, _last_step(stepper, run) if ended == LOOK else None
 
-    def _may_take_any(self, stepper: System, active: ActiveSet) -> bool:
+    def _may_take_any(self, stepper: System) -> bool:
         event, self._event_is_next = self._event_is_next, False
-        if event:
+        if event or stepper.gain_watch.failed:
             return False
         # (4.4) is computed by the stepper where it is no mere guess
-        guessed = stepper.options.friction == "corrected" or not active.frictions
+        guessed = stepper.options.friction == "corrected" or not stepper.graph.frictions
         return stepper.lam_known > 0 or guessed
 
-
-def _prepare(stepper: System, active: ActiveSet, end: float) -> QuietSteps:
-    graph, history, options = stepper.graph, stepper.history, stepper.options
-    until = min([*stepper.scheduled(), end])
-    near = graph.candidates
-    near.renew(stepper.q, active.place)
-    state = np.zeros((5, stepper.q.size))
-    state[[Q, V, V_BEFORE]] = stepper.q, history.v, history.v_before
-    for row, a in zip((A, A_BEFORE), history.a, strict=False):
-        state[row] = a
-    signs = np.array([friction.sign for friction in active.frictions], dtype=np.float64)
-    corrected = options.friction == "corrected" and signs.size > 0
-    return QuietSteps(
-        shapes=stepper.shapes,
-        D=stepper.D,
-        # constant on the way, but one may begin or end at t itself
-        forces=stepper.force(stepper.q, history.v, 0.5 * (stepper.t + until)),
-        eps0=asked_accuracy(options.eps, corrected),
-        place=active.place,
-        frictions=Frictions.of(active, active.mu, signs),
-        lam=active.lam[0].copy(),
-        lam_before=active.lam[1].copy(),
-        corner=near.corner,
-        part=near.part,
-        level=near.level,
-        free=near.free,
-        listed_at=near.listed_at,
-        state=state,
-        reals=np.array(
-            [
-                *(stepper.t, history.h, stepper.h_last),
-                *(options.eps, options.drop_tol, options.h_max, options.fixed_step or 0.0),
-                *(options.rest_speed, until, near.margin / 2, graph.geometry.contact_tol),
-            ]
-        ),
-        counts=np.array(
-            [
-                *(history.steps, 0, 0, 0, history.highest, EVENT),
-                *(stepper.lam_known, MAX_PASSES if corrected else 1, 0, int(until == end)),
-                *(0, int(options.stops == "located")),
-            ]
-        ),
-        track=np.empty((MOST, 1 + 2 * stepper.q.size)),
-        gaps=np.empty(MOST),
-        multipliers=np.empty((MOST, len(active.normals) + signs.size)),
-        at_bound=np.zeros(signs.size, dtype=np.bool_),
-        stopped=np.zeros(signs.size, dtype=np.bool_),
-    )
+    def _prepare(self, stepper: System, active: ActiveSet, end: float) -> QuietSteps:
+        graph, history, options = stepper.graph, stepper.history, stepper.options
+        ahead = min(stepper.scheduled(), default=np.inf)
+        until = min(ahead, end)
+        near = graph.candidates
+        near.renew(stepper.q, active.place)
+        state, reals, counts = self._state, self._reals, self._counts
+        state[Q], state[V], state[V_BEFORE] = stepper.q, history.v, history.v_before
+        for row, a in zip((A, A_BEFORE), history.a, strict=False):
+            state[row] = a
+        reals[TIME], reals[H], reals[WISH], reals[UNTIL] = (
+            *(stepper.t, history.h, stepper.h_last),
+            until,
+        )
+        signs = np.array([friction.sign for friction in active.frictions], dtype=np.float64)
+        corrected = options.friction == "corrected" and signs.size > 0
+        counts[:] = 0
+        counts[STEPS], counts[HIGHEST], counts[KNOWN], counts[MOST_PASSES] = (
+            *(history.steps, history.highest, stepper.lam_known),
+            MAX_PASSES if corrected else 1,
+        )
+        counts[OPEN], counts[CUTS] = end < ahead, options.stops == "located"
+        rows = active.normal_ids.size + signs.size
+        return QuietSteps(
+            shapes=stepper.shapes,
+            D=stepper.D,
+            # constant on the way, but one may begin or end at t itself
+            forces=stepper.force(stepper.q, history.v, 0.5 * (stepper.t + until)),
+            eps0=asked_accuracy(options.eps, corrected),
+            contacts=active.contacts(signs),
+            corner=near.corner,
+            part=near.part,
+            level=near.level,
+            free=near.free,
+            listed_at=near.listed_at,
+            state=state,
+            reals=reals,
+            counts=counts,
+            track=self._track,
+            gaps=self._gaps,
+            multipliers=np.empty((MOST, rows)),
+            at_bound=np.zeros(signs.size, dtype=np.bool_),
+            stopped=np.zeros(signs.size, dtype=np.bool_),
+            changes=np.empty((rows, 2), dtype=np.int64),
+            sense=np.empty(rows),
+        )
 
 
-def _last_step(stepper: System, run: QuietSteps, taken: int) -> LastStep:
+def _follow(stepper: Transitions, run: QuietSteps, active: ActiveSet, taken: int) -> None:
+    """Bring the stepper to where the run has come, with what has changed on the way."""
+    state, steps = run.state.copy(), int(run.counts[STEPS])
+    track, gaps = run.track[:taken].copy(), run.gaps[:taken].copy()
+    m = stepper.q.size
+    ids, first = (active.normal_ids, active.friction_ids), 0
+
+    def record(last: int) -> None:
+        part = slice(first, last)
+        t, q, v = track[part, 0], track[part, 1 : 1 + m], track[part, 1 + m :]
+        lam = run.multipliers[part, : ids[0].size + ids[1].size]
+        stepper.stretches.append(Stretch(t, q, v, gaps[part], *ids, lam))
+
+    changes = run.changes[: run.counts[CHANGES]].tolist()
+    for (step, row_id), sense in zip(changes, run.sense.tolist(), strict=False):
+        if step > first:
+            record(step)
+            first, stepper.t = step, float(track[step - 1, 0])
+        if row_id in stepper.graph.normals:
+            stepper.drop(stepper.graph.normals[row_id], sense)
+        else:
+            stepper.slip(stepper.graph.frictions[row_id], int(sense))
+        ids = stepper.graph.row_ids()
+    if taken > first:
+        record(taken)
+    N = len(stepper.graph.normals)
+    stepper.graph.keep_multipliers((run.contacts.lam[:N], run.contacts.lam_before[:N]))
+    stepper.t, h, stepper.h_last = run.reals[[TIME, H, WISH]].tolist()
+    stepper.q = state[Q]
+    a = [state[A], state[A_BEFORE]][:steps]
+    stepper.history.resume(state[V], state[V_BEFORE], a, h, steps)
+    stepper.lam_known = int(run.counts[KNOWN])
+    stepper.counts["steps"] += taken
+
+
+def _last_step(stepper: System, run: QuietSteps) -> LastStep:
     assembly, history = Assembly(stepper.graph, stepper.q), stepper.history
-    normals = len(assembly.normals)
-    lam_F = run.multipliers[run.counts[TAKEN] - 1, normals:]
+    N, F = len(assembly.normals), len(assembly.frictions)
     step = VelocityStep(
         h=history.h,
         q=stepper.q,
         v=history.v,
         a=history.a[0],
-        lam_N=run.lam,
-        lam_F=lam_F,
+        lam_N=run.contacts.lam[:N],
+        lam_F=run.multipliers[run.counts[TAKEN] - 1, N : N + F],
         gap_speed=assembly.gap_speed(history.v),
         slip_speed=assembly.slip_speed(history.v),
-        at_bound=run.at_bound,
+        at_bound=run.at_bound[:F],
         assembly=assembly,
         passes=int(run.counts[PASSES]),
     )
-    return LastStep(step, run.frictions.signs, run.stopped, taken)
-
-
-def _follow(stepper: System, run: QuietSteps, active: ActiveSet, taken: int) -> None:
-    """Bring the stepper to where the run has come."""
-    m = stepper.q.size
-    multipliers = run.multipliers[:taken]
-    active.lam[:] = run.lam, run.lam_before
-    n = active.normal_ids.size
-    for row, lam, gap in zip(run.track, multipliers, run.gaps.tolist(), strict=False):
-        rows = Multipliers(active.normal_ids, active.friction_ids, lam[:n], lam[n:])
-        stepper.states.append((float(row[0]), row[1 : 1 + m], row[1 + m :], rows, gap))
-    stepper.t, h, stepper.h_last = run.reals[[TIME, H, WISH]].tolist()
-    stepper.q = run.state[Q]
-    steps = int(run.counts[STEPS])
-    a = [run.state[A], run.state[A_BEFORE]][:steps]
-    stepper.history.resume(run.state[V], run.state[V_BEFORE], a, h, steps)
-    stepper.lam_known = int(run.counts[KNOWN])
-    stepper.counts["steps"] += taken
+    return LastStep(step, run.contacts.signs[:F], run.stopped[:F])

@@ -30,16 +30,25 @@ EVENT_KINDS = (
 )
 
 
-class Multipliers(NamedTuple):
-    """λ_N (N,) and λ_F (F,) of one time, and the row_id of each."""
+class Stretch(NamedTuple):
+    """Accepted states, one after the other, with the same active constraints.
 
+    t : (s,) [s];  q, v : (s, 3n);  gaps : (s,) the least φ [m], inf without active constraints
+    normal_ids, friction_ids : (N,), (F,) row_id;  lam : (s, N + F) λ_N and λ_F
+    """
+
+    t: Vector
+    q: Vector
+    v: Vector
+    gaps: Vector
     normal_ids: Indices
     friction_ids: Indices
-    lam_N: Vector
-    lam_F: Vector
+    lam: Vector
 
-
-NO_MULTIPLIERS = Multipliers(np.zeros(0, int), np.zeros(0, int), np.zeros(0), np.zeros(0))
+    @property
+    def row_ids(self) -> list[int]:
+        """Those of the columns of lam."""
+        return [*self.normal_ids.tolist(), *self.friction_ids.tolist()]
 
 
 class Event(NamedTuple):
@@ -56,7 +65,7 @@ class Run:
 
     t : (n,) [s] accepted times; a time stands twice where an impulse changed the velocities
     q, v : (n, bodies, 3) positions and velocities [m, m, rad]
-    multiplier_rows : (n,) `Multipliers` of the active constraints
+    stretches : the same states with λ, see there
     gaps : (n,) the least φ of the active constraints [m], inf where there are none
     event_log : list of `Event`
     qps, solutions : every QP in solve order, and the solver's answer
@@ -67,7 +76,7 @@ class Run:
     t: Vector
     q: Vector
     v: Vector
-    multiplier_rows: Sequence[Multipliers]
+    stretches: Sequence[Stretch]
     gaps: Vector
     event_log: list[Event]
     qps: list[ContactQP]
@@ -79,8 +88,13 @@ class Run:
     def multipliers(self) -> list[dict[int, float]]:
         """(n,) {row_id: λ} of the active constraints."""
         return [
-            dict(zip([*one.tolist(), *two.tolist()], [*N.tolist(), *F.tolist()], strict=True))
-            for one, two, N, F in self.multiplier_rows
+            dict(
+                zip(
+                    [*stretch.normal_ids.tolist(), *stretch.friction_ids.tolist()], lam, strict=True
+                )
+            )
+            for stretch in self.stretches
+            for lam in stretch.lam.tolist()
         ]
 
     @cached_property

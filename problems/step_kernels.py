@@ -16,6 +16,8 @@ FORGET_LEVEL = 1e-6
 """A reference level is forgotten once the corner is this far outside [m]."""
 END_SLACK = 1e-6
 """How far a corner may pass the end of its edge before it has left it, per edge length."""
+MEETING = 20 * ARRIVAL
+"""How near a corner and a part must come to have met [m]: at a tip the gap is less than that."""
 
 STOPPED = 0.01
 """A contact that slips slower than this, in ε, has stopped."""
@@ -61,9 +63,14 @@ def ways(velocity, curvature, h, radius):
 
 
 @kernel
-def meeting_reach(ways, a, b):
-    """How far apart points of bodies a and b that meet on a path may be at its end [m]."""
-    return ways[a] + ways[b] + ARRIVAL
+def miss(before, after, way):
+    """Whether corners and parts (N,), or one of each, whose gaps are `before` and `after` on a path
+    [m], cannot have met on it.
+
+    way : bound of how far points of both move, together [m].  The distance of the two, which is no
+    less than a gap, falls to 0 and grows again by no more than that.
+    """
+    return np.maximum(0.0, before) + np.maximum(0.0, after) > way + MEETING
 
 
 @kernel
@@ -145,13 +152,15 @@ def arrive(
     hit = False
     for i in range(level.size):
         c, p = corner[i], part[i]
-        reach = meeting_reach(way, corner_body[c], part_body[p])
-        if hit or not free[i] or clearance[i] - level[i] > reach:
+        both = way[corner_body[c]] + way[part_body[p]]
+        if hit or not free[i] or miss(0.0, clearance[i] - level[i], both):
             continue
         before = clearance_on_path(
             *(q0, velocity, curvature, 0.0, c, p),
             *(corner_body, corner_local, part_body, normal, offset),
         )
+        if miss(before - level[i], clearance[i] - level[i], both):
+            continue
         hit = enters(
             *(q0, velocity, curvature, h, before, clearance[i], level[i], corner_body[c]),
             *(part_body[p], corner_local[c], normal[p], offset[p], phi, right, left),

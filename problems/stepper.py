@@ -165,9 +165,9 @@ class Stepper(Transitions):
 
     def advance(self, end: float) -> None:
         """One accepted step, some quiet ones, or one event where no time passes."""
-        quiet = self._quiet.take_steps(self, end)
-        if quiet is not None:
-            self._after_quiet_steps(quiet)
+        taken, last = self._quiet.take_steps(self, end)
+        if taken:
+            self._after_quiet_steps(taken, last)
             return
         here, gap_speed, slip_before = self._here()
         self._check_constraints(here, gap_speed)
@@ -348,15 +348,18 @@ class Stepper(Transitions):
         for j in np.flatnonzero(self._slides(step)):
             friction = step.assembly.frictions[j]
             if friction.sign == 0 and friction.row_id in self.graph.frictions:
-                friction.sign = -int(np.sign(step.slip_speed[j]))
-                self._log("stick_to_slip", self._contact_name(friction.contact))
+                self.slip(friction, -int(np.sign(step.slip_speed[j])))
 
-    def _after_quiet_steps(self, last: LastStep) -> None:
-        """Step 4 after steps that were taken elsewhere."""
-        self._standstill = 0
+    def _after_quiet_steps(self, taken: int, last: LastStep | None) -> None:
+        """Step 4 after steps that were taken elsewhere, where it is not done."""
+        self._standstill, self._last = 0, None
+        if last is None:
+            self.gain_watch.calm()
+            self.rest_since = np.inf
+            return
         step = self._last = last.step
         self._check_constraints(step.assembly, step.gap_speed)
-        if last.steps > 1:
+        if taken > 1:
             self.gain_watch.calm()
         self._watch_gain(step, last.signs)
         stopped = [step.assembly.frictions[j] for j in np.flatnonzero(last.stopped)]

@@ -19,10 +19,12 @@ from problems.multistep import SHORTEST_STEP, History
 from problems.options import StepperOptions
 from problems.qp import Vector
 from problems.quiet import Quiet, Shapes
-from problems.run import NO_MULTIPLIERS, Event, Multipliers, Run
+from problems.run import Event, Run, Stretch
 from problems.scenes import Scene
 from problems.sequence import QPSequence, SolvesQPs
 from problems.velocity import NOTHING, VelocityEquations, VelocityStep
+
+NO_ROWS = np.zeros(0, dtype=np.int64)
 
 
 class System:
@@ -67,7 +69,7 @@ class System:
         self._standstill = 0
         self._last: VelocityStep | None = None
         self.rest_since = np.inf
-        self.states: list[tuple[float, Vector, Vector, Multipliers, float]] = []
+        self.stretches: list[Stretch] = []
         self.shapes = Shapes.of(self.graph.geometry)
         self._quiet = Quiet(self)
 
@@ -81,15 +83,17 @@ class System:
 
     def finish(self) -> Run:
         """Everything that the simulation left behind."""
-        t, q, v, multipliers, gaps = zip(*self.states, strict=True)
+        t, q, v, gaps = (
+            np.concatenate([stretch[part] for stretch in self.stretches]) for part in range(4)
+        )
         shape = (len(t), len(self.scene.bodies), 3)
         return Run(
             scene=self.scene,
-            t=np.array(t),
-            q=np.array(q).reshape(shape),
-            v=np.array(v).reshape(shape),
-            multiplier_rows=multipliers,
-            gaps=np.array(gaps),
+            t=t,
+            q=q.reshape(shape),
+            v=v.reshape(shape),
+            gaps=gaps,
+            stretches=self.stretches,
             event_log=self.event_log,
             qps=self.qps.qps,
             solutions=self.qps.solutions,
@@ -111,13 +115,19 @@ class System:
 
     def _record(self, step: VelocityStep | None = None, gaps: Vector = NOTHING) -> None:
         """Keep the state; no array of it is written to again."""
-        rows, gap = NO_MULTIPLIERS, np.inf
+        normal_ids, friction_ids, lam, gap = NO_ROWS, NO_ROWS, NOTHING, np.inf
         if step is not None:
             active = step.assembly.active
-            rows = Multipliers(active.normal_ids, active.friction_ids, step.lam_N, step.lam_F)
+            normal_ids, friction_ids = active.normal_ids, active.friction_ids
+            lam = np.concatenate([step.lam_N, step.lam_F])
             if step.lam_N.size:
                 gap = float(gaps.min())
-        self.states.append((self.t, self.q, self.history.v, rows, gap))
+        self.stretches.append(
+            Stretch(
+                *(np.array([self.t]), self.q[None], self.history.v[None], np.array([gap])),
+                *(normal_ids, friction_ids, lam[None]),
+            )
+        )
 
     def _log(self, kind: str, detail: str) -> None:
         self.event_log.append(Event(self.t, kind, detail))

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from problems.assembly import Assembly
-from problems.constraint_graph import Friction
+from problems.constraint_graph import Friction, Normal
 from problems.events import Hit, SlideOff, approach_speed, successor, touching
 from problems.impulses import solve_impulse
 from problems.qp import Vector
@@ -164,8 +164,17 @@ class Transitions(System):
         for normal in (assembly.normals[i] for i in leaving):
             gone = normal.row_id not in self.graph.normals
             if not (gone or geometry.past_tip(pose, *normal.place)):
-                self._log("drop", self._place_name(normal.place))
-                self.graph.remove(normal, self._clearance(pose, normal))
+                self.drop(normal, self._clearance(pose, normal))
+
+    def drop(self, normal: Normal, clearance: float) -> None:
+        """A contact that separates, with its corner so far outside [m], leaves J_N."""
+        self._log("drop", self._place_name(normal.place))
+        self.graph.remove(normal, clearance)
+
+    def slip(self, friction: Friction, sign: int) -> None:
+        """J_FO → J_FW with s = sign."""
+        friction.sign = sign
+        self._log("stick_to_slip", self._contact_name(friction.contact))
 
     def _sort_frictions(self, assembly: Assembly, v: Vector) -> None:
         """J_FO where |g_Fᵀq̇| ≤ ε, else J_FW with s = −sign(g_Fᵀq̇)."""

@@ -14,7 +14,7 @@ from problems.step_kernels import (
     ends_inside,
     fastest_body,
     largest_motion,
-    meeting_reach,
+    miss,
     momentum,
     outcome,
     path_end,
@@ -151,18 +151,25 @@ def test_points_that_met_are_within_reach():
     at_rest = np.zeros(6)
 
     def reach(velocity, curvature):
-        return meeting_reach(ways(velocity, curvature, h, radius), 0, 1)
+        way = ways(velocity, curvature, h, radius)
+        assert way[GROUND] == 0.0
+        return way[0] + way[1]
 
     apart = 2 * 3.0 * h
-    assert apart < reach(velocity, at_rest) < apart + 1e-6
+    assert reach(velocity, at_rest) == pytest.approx(apart)
     turning = velocity + np.array([0.0, 0, 2, 0, 0, 0])
     assert reach(turning, at_rest) == pytest.approx(apart + 0.5 * 2 * h)
     # the same from rest, at twice the speed in the end
-    grown = reach(at_rest, velocity / h)
     assert path_end(at_rest, at_rest, velocity / h, h) @ [1, 0, 0, -1, 0, 0] == pytest.approx(apart)
-    assert apart < grown < 2 * apart + 1e-6
-    # the ground stays where it is
-    assert meeting_reach(ways(velocity, at_rest, h, radius), 1, GROUND) < 0.5 * apart + 1e-6
+    assert reach(at_rest, velocity / h) == pytest.approx(2 * apart)
+
+
+def test_what_comes_near_enough_is_no_miss():
+    """There and back, there alone, from within, and farther away than it moves."""
+    before, after = np.array([1.0, 2.0, -0.5, 1.1]), np.array([1.0, -1e-3, 1.9, 1.0])
+    found = miss(before, after, 2.0)
+    np.testing.assert_array_equal(found, [False, False, False, True])
+    assert [miss(*gaps, 2.0) for gaps in zip(before, after, strict=True)] == found.tolist()
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.75, 0.76, -0.75, -0.76])

@@ -63,10 +63,8 @@ from problems.quiet import (
     SOLVES,
     TAKEN,
     Collision,
-    Frictions,
     Impact,
     QuietSteps,
-    read_only,
 )
 from solvers.active_set.compiled import entry
 from solvers.active_set.loop import (
@@ -84,7 +82,7 @@ from solvers.active_set.loop import (
     algorithm_2,
 )
 from solvers.active_set.minimum_norm import least_distance_room, least_norm
-from solvers.active_set.passes import impulse_passes
+from solvers.active_set.passes import impulse_passes, make_room
 from solvers.active_set.quiet_steps import quiet_steps
 from solvers.active_set.sparse_loop import TODAYS_A, sparse_algorithm_2
 from solvers.active_set.sparse_pattern import is_narrow, make_pattern
@@ -122,7 +120,6 @@ equations, old R dense, old R sparse.  16: 2.7, 3.7, 10 / 2.2, 6.9, 9.3.  32 / 3
 """
 SMALL_CALLS = 96
 """Columns up to which whole steps and collisions are taken in one call."""
-NO_LEAST_DISTANCE = least_distance_room(0, 0)
 EXACT_KINDS = ("impulse", "minimum_norm")
 VARIANTS = {
     "": "the previous working set; today's factorization if small, the online rule if not",
@@ -169,17 +166,6 @@ def dense_room(m: int, k: int, start: Start) -> Workspace:
         room = make_workspace(0, start.x.size)
         remember(room, start)
     return make_workspace(m, k, room)
-
-
-def passes_rooms(m: int, frictions: Frictions) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """Zeros for A, d and the bounds of a QP, with a `LeastDistance`; the same memory, read only."""
-    k, rubs = frictions.row_id.size, frictions.mu.size > 0
-    # λ of least norm bounds friction
-    norm_room, norm_posed = (
-        least_distance_room(k, 2 * frictions.sticking.size) if rubs else NO_LEAST_DISTANCE
-    )
-    arrays = np.zeros((m, k)), np.zeros(m), np.zeros(k), np.zeros(k)
-    return (*arrays, norm_room), (*(read_only(array) for array in arrays), norm_posed)
 
 
 def sparse_room(A: sp.csc_array, start: Start | None) -> tuple[SparseWorkspace, bool] | None:
@@ -325,7 +311,8 @@ class Lotstedt(Solver):
 
     def take_quiet_steps(self, run: QuietSteps, start: Solution | None) -> Solution | None:
         """Steps of a simulation by `quiet_steps`, or None; see `_small_calls_mode`."""
-        m, k = run.D.size, run.frictions.row_id.size
+        m, contacts = run.D.size, run.contacts
+        k = contacts.normal_ids.size + contacts.friction_ids.size
         mode = self._small_calls_mode(k)
         if mode is None:
             return None
@@ -340,15 +327,16 @@ class Lotstedt(Solver):
                 room = dense_room(m, k, before)
         asked = run.eps0 if self.accuracy is None else self.accuracy
         eps0 = -1.0 if asked == "default" else float(asked)
-        rooms = passes_rooms(m, run.frictions)
-        quiet_steps(run, *rooms, room.S, room.I, eps0, mode)
+        memory = make_room(m, k, contacts.friction_ids.size)
+        quiet_steps(run, *memory, room.S, room.I, eps0, mode)
         if not run.counts[SOLVES] and not run.counts[TAKEN]:
             return None
+        last = max(int(room.I[COUNTS, OLD_K]), 0) if run.counts[SOLVES] else 0
         return Solution(
-            x=room.S[X, :k].copy(),
-            row_id=run.frictions.row_id,
+            x=room.S[X, :last].copy(),
+            row_id=room.I[OLD_ROW, :last].copy(),
             status=Status.SOLVED,
-            working_set=room.I[MEMBER, :k].astype(np.int8),
+            working_set=room.I[OLD_MEMBER, :last].astype(np.int8),
             memory=room if k else None,
         )
 
@@ -361,9 +349,9 @@ class Lotstedt(Solver):
         if mode is None:
             return None
         room = make_workspace(m, k)
-        rooms = passes_rooms(m, collision.frictions)
+        memory = make_room(m, k, collision.frictions.mu.size)
         settled, *impact = impulse_passes(
-            *collision, most, tolerance, *rooms, room.S, room.I, accuracy, mode
+            *collision, most, tolerance, *memory, room.S, room.I, accuracy, mode
         )
         return Impact(*impact) if settled else None
 

@@ -21,14 +21,47 @@ from problems.friction_kernels import (
 )
 from problems.independence import SAFE_FRACTION, far_from_dependent
 from problems.multistep import FIRST_RATE
-from problems.qp import LARGEST
+from problems.qp import LARGEST, Indices, Vector
+from problems.quiet import read_only
 from problems.step_kernels import momentum, outcome, weighted_norm
 from solvers.active_set.compiled import kernel
 from solvers.active_set.loop import SOLVED, WARM, algorithm_2
-from solvers.active_set.minimum_norm import least_norm
+from solvers.active_set.minimum_norm import LeastDistance, least_norm
 from solvers.active_set.workspace import COUNTS, STATUS, X
 
 iteration_error = kernel(multistep.iteration_error)
+
+
+def make_room(m: int, k: int, frictions: int) -> tuple[Vector, Vector, Indices, Indices]:
+    """Memory for passes of at most so many columns and frictions, as `room_for` divides it.
+
+    Numbers to be written to, and the same read only; row_id, and the same.
+    """
+    # λ of least norm bounds friction, and only there is asked for
+    most = 2 * (k + frictions) if frictions else 0
+    memory = np.empty(m * (k + 1) + 2 * k + (k + 1) * most + k + 1 + 2 * most)
+    ids = np.empty(k + most, dtype=np.int64)
+    return memory, read_only(memory), ids, read_only(ids)
+
+
+@kernel
+def room_for(memory, ids, m, k, rows):
+    """A (m, k), d (m,), lower and upper (k,), a `LeastDistance` with so many rows; row_id (k,)."""
+    most = 2 * k + rows if rows > 0 else 0
+    A, rest = memory[: m * k].reshape(m, k), memory[m * k :]
+    d, lower, upper, rest = rest[:m], rest[m : m + k], rest[m + k : m + 2 * k], rest[m + 2 * k :]
+    E, rest = rest[: (k + 1) * most], rest[(k + 1) * most :]
+    e, rest = rest[: k + 1], rest[k + 1 :]
+    least_distance = LeastDistance(E, e, rest[:most], rest[most : 2 * most], ids[k : k + most])
+    return (A, d, lower, upper, least_distance), ids[:k]
+
+
+@kernel
+def clear(qp):
+    """Make what `room_for` gives to be written to an A of zeros with the bounds of normals."""
+    A, _, lower, upper, norm_room = qp
+    A[:], lower[:], upper[:] = 0.0, 0.0, inf
+    norm_room.lower[:], norm_room.upper[:] = 0.0, inf
 
 
 @kernel
@@ -139,20 +172,40 @@ def friction_passes(
 
 @kernel
 def impulse_passes(
-    frictions, D, v, F, columns, layout, tangents, most, tolerance, qp, posed, S, I, accuracy, mode
+    frictions,
+    D,
+    v,
+    F,
+    columns,
+    layout,
+    tangents,
+    most,
+    tolerance,
+    memory,
+    posed,
+    ids,
+    posed_ids,
+    S,
+    I,
+    accuracy,
+    mode,
 ):
     """Whether a collision settled; q̇₊ (m,), Λ_N (N,), Λ_F (F,) and the QPs solved.
 
-    v, F : q̇₋ and the external impulse (m,);  the others: see `friction_passes`
+    v, F : q̇₋ and the external impulse (m,);  memory, posed, ids, posed_ids : see `make_room`
+    the others: see `friction_passes`
     """
     count, m = columns[1].shape[0], D.size
     after, a, lam_N = np.empty(m), np.empty(m), np.zeros(count)
     lam_F, bound = np.zeros(frictions.mu.size), np.zeros(frictions.mu.size)
+    k, rows = frictions.row.size, 2 * frictions.sticking.size
+    qp, _ = room_for(memory, ids, m, k, rows)
+    qp_posed, _ = room_for(posed, posed_ids, m, k, rows)
+    clear(qp)
     dense_columns(*layout, D, qp[0])
-    qp[3][:] = inf
     passes, _, solves = friction_passes(
         *(frictions, D, F, columns, layout, tangents, np.full(count, inf), v, 1.0, 1.0),
-        *((most, tolerance, accuracy, True), qp, posed, (S, I, accuracy, mode)),
+        *((most, tolerance, accuracy, True), qp, qp_posed, (S, I, accuracy, mode)),
         (after, a, lam_N, lam_F, bound),
     )
     return passes > 0, after, lam_N, lam_F, solves

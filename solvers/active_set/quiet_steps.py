@@ -2,9 +2,9 @@
 
 Taken one by one from Python each costs a hundred times what its arithmetic does.  Here they are
 taken until something calls for the stepper (`problems.quiet`): a corner that crosses an edge or
-leaves one, a contact that separates, a scheduled time, bodies that are still, a QP that is not
-solved, friction that begins to slip or stops, whose passes are many or whose gain is 1 or more
-(`problems.gain`).
+leaves one, a scheduled time, bodies that are still, a QP that is not solved, friction that stops,
+whose passes are many or whose gain is 1 or more (`problems.gain`).  Contacts that separate and
+friction that begins to slip, which restart nothing (step 4), are seen to on the way.
 """
 
 from __future__ import annotations
@@ -14,12 +14,14 @@ from math import hypot, inf
 import numpy as np
 
 import problems.multistep as multistep
+from problems.active_kernels import Frictions, qp_columns, without
 from problems.contact_kernels import (
     clearances,
     column_speeds,
     compliances,
     contact_columns,
     dense_columns,
+    edge_distances,
     gather_columns,
     own_gains,
     place_corners,
@@ -34,6 +36,9 @@ from problems.friction_kernels import (
 from problems.multistep import REDONE, SHORTEST_STEP, STOP_TRIALS
 from problems.quiet import (
     A_BEFORE,
+    AGAIN,
+    CHANGED,
+    CHANGES,
     CONTACT_TOL,
     COUNTED,
     CUTS,
@@ -53,7 +58,6 @@ from problems.quiet import (
     REJECTED,
     REST_SPEED,
     SOLVES,
-    STALE,
     STEPS,
     TAKEN,
     TIME,
@@ -71,7 +75,7 @@ from problems.step_kernels import (
     enters,
     fastest_body,
     largest_motion,
-    meeting_reach,
+    miss,
     path_end,
     sink_levels,
     stopping_lengths,
@@ -79,7 +83,7 @@ from problems.step_kernels import (
     weighted_norm,
 )
 from solvers.active_set.compiled import kernel
-from solvers.active_set.passes import friction_passes
+from solvers.active_set.passes import clear, friction_passes, room_for
 
 second_order_bdf = kernel(multistep.second_order_bdf)
 first_order_step = kernel(multistep.first_order_step)
@@ -139,55 +143,109 @@ def go_on(state, q, v, a):
 
 
 @kernel
-def first_guess(run, normals, pose, h, w):
+def first_guess(run, contacts, normals, now, h, w):
     """λ_* (N,) of the first pass, as `VelocityEquations._first_guess`.
 
-    normals : (entries, bodies) of g_N at the end of the step;  pose : `place_corners` at its start
+    normals : (entries, bodies) of g_N at the end of the step;  now : φ (N,) at its start
     w : h_n/h_{n−1}
     """
     known, shapes, state = run.counts[KNOWN], run.shapes, run.state
     if known > 0:
-        return extrapolated_multipliers(run.lam, run.lam_before, known, w)
-    if not run.frictions.signs.any():
-        return np.full(run.lam.size, inf)
+        return extrapolated_multipliers(contacts.lam, contacts.lam_before, known, w)
+    if not contacts.signs.any():
+        return np.full(contacts.lam.size, inf)
     edges = shapes.part_body, shapes.edge_normal, shapes.edge_offset
     sides = shapes.edge_start, shapes.edge_length
     inverse_mass = 1 / run.D**2
     free = path_end(state[Q], state[V], 0.5 * inverse_mass * run.forces, h)
     there = place_corners(free, shapes.corner_body, shapes.corner_local)
-    now = contact_columns(*pose, run.place, shapes.corner_body, *edges, *sides)[0]
-    then = contact_columns(*there, run.place, shapes.corner_body, *edges, *sides)[0]
+    then = contact_columns(*there, contacts.place, shapes.corner_body, *edges, *sides)[0]
     return spring_loads(now, then, compliances(*normals, inverse_mass), h)
 
 
 @kernel
-def quiet_steps(run, written, posed, S, I, eps0, mode):
-    """Take steps until something happens or `track` is full; `counts[TAKEN]` of them.
+def note_change(run, row_id, sense):
+    """Tell the stepper that a contact has left or begun to slip, see `QuietSteps.changes`."""
+    n = run.counts[CHANGES]
+    run.changes[n, 0], run.changes[n, 1], run.sense[n] = run.counts[TAKEN], row_id, sense
+    run.counts[CHANGES] += 1
 
-    run : `problems.quiet.QuietSteps`, whose arrays are updated
-    written, posed : zeros (3n, k), (3n,), (k,), (k,) for A, d and the bounds of the QP, and a
-        `LeastDistance`; the same memory, read only
-    S, I, eps0, mode : see `algorithm_2`
+
+@kernel
+def let_go(run, contacts, pose, clearance, speed, leaving):
+    """Whether contacts that separate can be dropped here; `leaving` (N,) says which do.
+
+    As `Transitions._drop_separating`: those behind a tip stay, and are looked at by the stepper.
+
+    pose, clearance : `place_corners` and the `clearances` of all candidates;  speed : (N,) g_Nᵀq̇
+    """
+    edges = run.shapes.part_body, run.shapes.edge_normal, run.shapes.edge_offset
+    for j in range(speed.size):
+        leaving[j] = speed[j] > run.reals[DROP_TOL]
+    which = np.flatnonzero(leaving)
+    at = np.empty(which.size, dtype=np.int64)
+    for n in range(which.size):
+        c, p, e = contacts.place[which[n]]
+        at[n] = -1
+        for i in range(run.corner.size):
+            if run.corner[i] == c and run.part[i] == p:
+                at[n] = i
+        one = np.array([c]), np.array([p])
+        phi = edge_distances(*pose, *one, *edges)[0]
+        if at[n] < 0 or phi[e] < min(0.0, phi.max()):
+            return False
+    for n in range(which.size):
+        i = at[n]
+        run.free[i] = True
+        if clearance[i] < 0.0:
+            run.level[i] = clearance[i]
+        note_change(run, contacts.normal_ids[which[n]], clearance[i])
+    return True
+
+
+@kernel
+def let_slip(run, contacts, leaving, slip):
+    """Sticking contacts at their bound that slip, (F,) g_Fᵀq̇, faster than ε become sliding ones."""
+    stays = np.zeros(slip.size, np.bool_)
+    for i in range(leaving.size):
+        if contacts.friction_of[i] >= 0 and not leaving[i]:
+            stays[contacts.friction_of[i]] = True
+    for j in range(slip.size):
+        slides = run.at_bound[j] and abs(slip[j]) > run.reals[EPS]
+        if stays[j] and slides and contacts.signs[j] == 0.0:
+            contacts.signs[j] = -np.sign(slip[j])
+            note_change(run, contacts.friction_ids[j], contacts.signs[j])
+
+
+@kernel
+def steady_steps(run, contacts, frictions, leaving, written, posed, S, I, eps0, mode):
+    """Take steps with the same contacts; `mode` for the next QP.
+
+    frictions : the columns of `contacts`;  leaving : zeros (N,), to be told which contacts separate
+    written, posed : room for A, d, the bounds and a `LeastDistance`; the same memory, read only
     """
     shapes, D, state, reals, counts = run.shapes, run.D, run.state, run.reals, run.counts
-    place, frictions, lam, lam_before = run.place, run.frictions, run.lam, run.lam_before
-    signs = frictions.signs
+    place, lam, lam_before, signs = (
+        contacts.place,
+        contacts.lam,
+        contacts.lam_before,
+        contacts.signs,
+    )
     corner, part, level, free = run.corner, run.part, run.level, run.free
     track, gaps, multipliers = run.track, run.gaps, run.multipliers
     edges = shapes.part_body, shapes.edge_normal, shapes.edge_offset
     sides = shapes.edge_start, shapes.edge_length
-    A_written, _, _, upper, _ = written
+    A_written = written[0]
     m, k, N, F = D.size, frictions.row.size, place.shape[0], signs.size
     phis = np.empty((MAX_HALVINGS + 2, shapes.edge_offset.shape[1]))
     right, left = np.empty(MAX_HALVINGS + 2), np.empty(shapes.edge_offset.shape[1])
     q, v, a = np.empty(m), np.empty(m), np.empty(m)
     b, bend = np.empty(m), np.zeros(m)
     lam_N, lam_F, bound = np.zeros(N), np.zeros(F), np.zeros(F)
-    upper[:] = inf
     slides, inverse_mass = signs.any(), 1 / D**2
-    pose_before = pose = place_corners(state[Q], shapes.corner_body, shapes.corner_local)
+    pose = place_corners(state[Q], shapes.corner_body, shapes.corner_local)
     before = clearances(*pose, corner, part, *edges)
-    _, _, g_F, bodies, _, _, _, _ = contact_columns(
+    phi_before, _, g_F, bodies, _, _, _, _ = contact_columns(
         *pose, place, shapes.corner_body, *edges, *sides
     )
     rubs = np.ones(F, np.bool_)
@@ -195,9 +253,10 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
     slip = column_speeds(tangent, rubbing, state[V])
     for j in range(F):
         if signs[j] * slip[j] > 0.0:
-            return
-    longest, redone, rejected, solved = inf, 0, 0, 0
-    cut, located, done = inf, 0, False
+            counts[ENDED] = EVENT
+            return mode
+    longest, redone, rejected, solved = inf, 0, 0, counts[SOLVES]
+    cut, located, changes = inf, 0, counts[CHANGES]
     while counts[TAKEN] < gaps.size:
         counts[ENDED] = EVENT
         steps = counts[STEPS]
@@ -207,7 +266,7 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
         if reals[TIME] + h >= reals[UNTIL]:
             h = reals[UNTIL] - reals[TIME]
             if not counts[OPEN] or h <= SHORTEST_STEP:
-                return
+                return mode
         w = h / reals[H] if reals[H] > 0.0 else 1.0
         alpha0, newest, oldest = second_order_bdf(w) if order == 2 else (1.0, 1.0, 0.0)
         for i in range(m):  # (3.1a), (3.1b)
@@ -216,15 +275,15 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
         path_end(state[Q], state[V], bend, h, q)
         if not largest_motion(run.listed_at, q, shapes.radius) <= reals[REACH]:
             if counts[TAKEN] > 0:
-                counts[ENDED] = STALE
-            return
+                counts[ENDED] = AGAIN
+            return mode
         pose = place_corners(q, shapes.corner_body, shapes.corner_local)
         after = clearances(*pose, corner, part, *edges)
         way = ways(state[V], bend, h, shapes.radius)
         for i in range(corner.size):
             c, p = corner[i], part[i]
-            reach = meeting_reach(way, shapes.corner_body[c], shapes.part_body[p])
-            if not free[i] or after[i] - level[i] > reach:
+            a_way, b_way = way[shapes.corner_body[c]], way[shapes.part_body[p]]
+            if not free[i] or miss(before[i] - level[i], after[i] - level[i], a_way + b_way):
                 continue
             met = enters(
                 *(state[Q], state[V], bend, h, before[i], after[i], level[i]),
@@ -232,17 +291,17 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
                 *(shapes.edge_normal[p], shapes.edge_offset[p], phis, right, left),
             )
             if met and not covered(c, p, place, shapes.corner_part, pose[0], reals[CONTACT_TOL]):
-                return
+                return mode
         phi, g_N, g_F, bodies, _, along, length, _ = contact_columns(
             *pose, place, shapes.corner_body, *edges, *sides
         )
         for j in range(N):
             if beyond_edge(along[j], length[j]):
-                return
+                return mode
         entries, pairs, lam_star = g_N, bodies, lam_N
         if F > 0:
             tangent, rubbing = gather_columns(g_N, g_F, bodies, frictions.first, rubs)
-            lam_star = first_guess(run, (g_N, bodies), pose_before, h, w)
+            lam_star = first_guess(run, contacts, (g_N, bodies), phi_before, h, w)
         if k > N:
             entries, pairs = gather_columns(g_N, g_F, bodies, frictions.row, frictions.tangential)
         if k > 0:
@@ -254,13 +313,13 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
         )
         counts[SOLVES] += solves
         if passes == 0:
-            return
+            return mode
         if slides:
             gains = own_gains(
                 g_N, g_F, bodies, inverse_mass, frictions.friction_of, signs, frictions.mu
             )
             if gains.max() >= 1.0:
-                return
+                return mode
         shorter = rejected_length(state, reals, steps, order, redone, a, h, D)
         if shorter < inf:
             longest, redone, rejected = shorter, redone + 1, rejected + 1
@@ -270,7 +329,7 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
             lengths = stopping_lengths(signs, slip, new_slip, h, reals[EPS])
             stop = lengths.min()
             if stop < SHORTEST_STEP or (stop < inf and not counts[CUTS]):
-                return
+                return mode
             if stop < h * (1.0 - 1e-6):
                 located += 1
                 cut = stop if located < STOP_TRIALS else min(stop, h / 2)
@@ -280,9 +339,6 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
             sigma = forced_signs(signs, lam_F, bound, slip)
             for j in range(F):
                 run.at_bound[j], run.stopped[j] = sigma[j] != 0.0, lengths[j] <= h
-                done |= run.stopped[j] or (
-                    signs[j] == 0.0 and run.at_bound[j] and abs(slip[j]) > reals[EPS]
-                )
         # accepted
         counts[ENDED] = LOOK
         counts[REJECTED] += rejected
@@ -292,7 +348,7 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
         cut, located = inf, 0
         go_on(state, q, v, a)
         sink_levels(after, free, level)
-        before, pose_before = after, pose
+        before, phi_before = after, phi
         reals[TIME] += h
         reals[H], reals[WISH] = h, wish
         n = counts[TAKEN]
@@ -309,9 +365,49 @@ def quiet_steps(run, written, posed, S, I, eps0, mode):
             gaps[n] = min(gaps[n], phi[j])
         for j in range(F):
             multipliers[n, N + j] = lam_F[j]
-        if done or passes > QUIET_PASSES or fastest_body(D, v) <= reals[REST_SPEED]:
-            return
+        if run.stopped[:F].any() or passes > QUIET_PASSES:
+            return mode
         speed = column_speeds(g_N, bodies, v)
-        for j in range(N):
-            if speed[j] > reals[DROP_TOL] or speed[j] < -APPROACHING * reals[EPS]:
-                return
+        if fastest_body(D, v) <= reals[REST_SPEED] or (speed < -APPROACHING * reals[EPS]).any():
+            return mode
+        if (speed > reals[DROP_TOL]).any() and not let_go(
+            run, contacts, pose, after, speed, leaving
+        ):
+            return mode
+        let_slip(run, contacts, leaving, slip)
+        if counts[CHANGES] > changes:
+            counts[ENDED] = CHANGED
+            return mode
+    counts[ENDED] = AGAIN
+    return mode
+
+
+@kernel
+def quiet_steps(run, memory, posed, ids, posed_ids, S, I, eps0, mode):
+    """Take steps until something happens or `track` is full; `counts[TAKEN]` of them.
+
+    run : `problems.quiet.QuietSteps`, whose arrays are updated
+    memory, posed, ids, posed_ids : see `make_room`
+    S, I, eps0, mode : see `algorithm_2`
+    """
+    contacts, m = run.contacts, run.D.size
+    while True:
+        columns = qp_columns(
+            contacts.normal_ids, contacts.friction_ids, contacts.first, contacts.signs
+        )
+        k, rows = columns[0].size, 2 * columns[4].size
+        qp, row_id = room_for(memory, ids, m, k, rows)
+        qp_posed, row_id_posed = room_for(posed, posed_ids, m, k, rows)
+        clear(qp)
+        row_id[:] = columns[0]
+        rubs = contacts.friction_of, contacts.first, contacts.mu, contacts.signs
+        frictions = Frictions(*rubs, row_id_posed, *columns[1:])
+        leaving = np.zeros(contacts.place.shape[0], np.bool_)
+        mode = steady_steps(run, contacts, frictions, leaving, qp, qp_posed, S, I, eps0, mode)
+        if run.counts[ENDED] != CHANGED:
+            break
+        if leaving.any():
+            contacts = without(contacts, leaving)
+    N, F = contacts.lam.size, contacts.signs.size
+    run.contacts.lam[:N], run.contacts.lam_before[:N] = contacts.lam, contacts.lam_before
+    run.contacts.signs[:F] = contacts.signs
