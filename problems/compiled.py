@@ -16,6 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core import cgutils, types
+from numba.extending import intrinsic
 
 FAST_MATH = frozenset({"reassoc", "contract", "nsz"})
 """Sums may be regrouped for vector instructions; NaN and infinity keep their meaning."""
@@ -53,6 +55,36 @@ def kernel_decorator(sources: Sequence[Path]) -> Callable[[Any], Any]:
 
     return kernel
 
+
+def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    if isinstance(kind, types.BaseTuple):
+        members: Any = kind
+        parts = [
+            _without_owner(context, builder, members[i], part)
+            for i, part in enumerate(cgutils.unpack_tuple(builder, value))
+        ]
+        return context.make_tuple(builder, kind, parts)
+    if isinstance(kind, types.Array):
+        array = context.make_array(kind)(context, builder, value)
+        array.meminfo = cgutils.get_null_value(array.meminfo.type)
+        return array._getvalue()
+    return value
+
+
+def _lend(typingctx: Any, arrays: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return _without_owner(context, builder, signature.args[0], arguments[0])
+
+    return arrays(arrays), codegen
+
+
+lent: Any = intrinsic(_lend)
+"""`lent(x)` in a kernel: its argument x, array or tuple of these, whose holders are not counted.
+
+Each time that compiled code takes an array out of a tuple or hands it on, it counts, atomically,
+who holds it: up to three quarters of the time of a step.  The caller holds the arguments of a
+kernel for as long as it runs.  What is lent must not be returned.
+"""
 
 SOURCES = (
     "active_kernels.py",

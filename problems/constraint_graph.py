@@ -128,7 +128,7 @@ class ConstraintGraph:
         self.candidates = Candidates(geometry)
         self._next_row_id = 0
         self._active: ActiveSet | None = None
-        self._lam: dict[int, list[float]] = {}
+        self._lam: dict[int, Sequence[float]] = {}
 
     # --- constraints -----------------------------------------------------------------------------
 
@@ -222,7 +222,8 @@ class ConstraintGraph:
         if self._active is not None:
             self._active.lam[:] = lam
         else:
-            self._lam = dict(zip(sorted(self.normals), np.column_stack(lam).tolist(), strict=True))
+            pairs = zip(*(part.tolist() for part in lam), strict=True)
+            self._lam = dict(zip(sorted(self.normals), pairs, strict=True))
 
     def note_multipliers(self, lam_N: Vector) -> None:
         """Keep λ_N (N,) of a new time point beside that of the last."""

@@ -101,7 +101,10 @@ class Geometry:
         self.corner_local = np.concatenate([p for _, p in parts] or [np.zeros((0, 2))])
         first_of_body = np.searchsorted(self.corner_body, np.arange(self.n_bodies + 1))
         self.corner_number = np.arange(len(self.corner_body)) - first_of_body[self.corner_body]
-        self.body_first_corner = first_of_body
+        # edges are numbered through their body, half planes through the ground
+        own_edge = self.part_first[:n_parts] - first_of_body[self.part_body]
+        half_plane = np.arange(n_parts) - self.n_moving
+        self.first_edge = np.where(self.part_body == GROUND, half_plane, own_edge)
         # an edge that a part does not have is never the farthest: offset +inf, so φ = −inf
         self.edge_normal = np.zeros((n_parts, n_edges, 2))
         self.edge_offset = np.full((n_parts, n_edges), np.inf)
@@ -277,13 +280,7 @@ class Geometry:
     def features(self, places: Indices) -> Indices:
         """Rows of `ContactQP.feature` of the normals at places (N, 3), (N, 5)."""
         corner, part, edge = places.T
-        body = self.part_body[part]
-        own_edge = self.part_first[part] + edge - self.body_first_corner[body]
-        number = np.where(body == GROUND, part - self.n_moving, own_edge)
+        body, number = self.part_body[part], self.first_edge[part] + edge
         zero = np.zeros_like(corner)
         columns = [self.corner_body[corner], self.corner_number[corner], body, number, zero]
         return np.column_stack(columns)
-
-    def feature(self, place: tuple[int, int, int], direction: int) -> tuple[int, ...]:
-        """Row of `ContactQP.feature` for a (corner, part, edge)."""
-        return (*self.features(np.array([place]))[0, :4].tolist(), direction)

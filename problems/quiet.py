@@ -194,10 +194,11 @@ class Quiet:
             active = stepper.graph.active_set()
             run = self._prepare(stepper, active, end)
             solution = self.solver.take_quiet_steps(run, stepper.qps.start())
-            steps, rejected, solved, ended = run.counts[[TAKEN, REJECTED, COUNTED, ENDED]].tolist()
+            counts = run.counts.tolist()
+            steps, ended = counts[TAKEN], counts[ENDED]
             if solution is not None:
-                stepper.qps.went_on(solution, solved)
-                stepper.counts["rejected_steps"] += rejected
+                stepper.qps.went_on(solution, counts[COUNTED])
+                stepper.counts["rejected_steps"] += counts[REJECTED]
             if steps:
                 _follow(stepper, run, active, steps)
             taken += steps

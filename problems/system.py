@@ -140,10 +140,13 @@ class System:
         return f"body {body + 1}" if body >= 0 else "the ground"
 
     def _place_name(self, place: tuple[int, int, int]) -> str:
-        body, corner, other, edge, _ = self.graph.geometry.feature(place, 0)
-        return f"corner {corner} of {self._body_name(body)} on edge {edge} of " + self._body_name(
-            other
+        geometry, (corner, part, edge) = self.graph.geometry, place
+        one, two = (
+            self._body_name(int(geometry.corner_body[corner])),
+            self._body_name(int(geometry.part_body[part])),
         )
+        corner, edge = geometry.corner_number[corner], geometry.first_edge[part] + edge
+        return f"corner {corner} of {one} on edge {edge} of {two}"
 
     def _contact_name(self, contact: Contact) -> str:
         names = [self._body_name(int(self.graph.geometry.part_body[p])) for p in contact.pair]

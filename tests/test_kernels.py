@@ -214,3 +214,28 @@ def test_the_loop_allocates_nothing():
         check=True,
     )
     assert done.stdout.strip() == "0", done.stdout
+
+
+def test_what_is_lent_is_the_same_and_is_let_go():
+    import weakref
+    from typing import NamedTuple
+
+    import numba
+
+    from problems.compiled import lent
+
+    class Pair(NamedTuple):
+        one: np.ndarray
+        other: tuple
+
+    def total(pair, weight):
+        pair = lent(pair)
+        return weight * (pair.one.sum() + pair.other[0][1:].sum())
+
+    compiled, one, other = numba.njit(total), np.arange(4.0), np.arange(3.0)
+    other.setflags(write=False)
+    watched = weakref.ref(one)
+    assert compiled(Pair(one, (other,)), 2.0) == 2 * (6 + 3)
+    assert sys.getrefcount(one) == 2
+    del one
+    assert watched() is None and other.tolist() == [0.0, 1.0, 2.0]

@@ -103,6 +103,77 @@ def test_the_solver_is_not_asked_where_it_is_known_to_take_no_steps(name, in_vai
     assert taken.count(0) <= in_vain * len(taken)
 
 
+@pytest.mark.parametrize(
+    ("name", "kinds"),
+    [("fig2", ["drop"] * 2), ("fig5", ["drop", "stick_to_slip", "stick_to_slip"])],
+)
+def test_contacts_leave_and_slip_within_compiled_steps(name, kinds, monkeypatch):
+    from problems.stepper import Stepper
+
+    inside, follow = [], Stepper._after_quiet_steps
+
+    def watched(self, taken, last):
+        inside.extend(event.kind for event in self.event_log[len(seen) :])
+        follow(self, taken, last)
+
+    def stepped(self, end):
+        seen[:] = self.event_log
+        advance(self, end)
+
+    seen, advance = [], Stepper.advance
+    monkeypatch.setattr(Stepper, "_after_quiet_steps", watched)
+    monkeypatch.setattr(Stepper, "advance", stepped)
+    simulate(scene(name), make_solver("lotstedt"), until=0.8, keep_qps=False)
+    assert sorted(inside) == kinds
+
+
+@pytest.mark.parametrize(("name", "until"), [("fig2", 0.9), ("fig4", 0.5), ("fig5", 0.5)])
+def test_steps_of_several_calls_are_those_of_one(name, until, monkeypatch):
+    import problems.quiet as quiet
+
+    runs = []
+    for most in (quiet.MOST, 2, 1):
+        monkeypatch.setattr(quiet, "MOST", most)
+        runs.append(simulate(scene(name), make_solver("lotstedt"), until=until, keep_qps=False))
+    for run in runs[1:]:
+        np.testing.assert_array_equal(run.q, runs[0].q)
+        np.testing.assert_array_equal(run.gaps, runs[0].gaps)
+        assert run.multipliers == runs[0].multipliers
+        assert run.event_log == runs[0].event_log and run.counts == runs[0].counts
+
+
+def test_compiled_calls_are_made_with_the_same_types_always(monkeypatch):
+    """What is called directly does not look at them."""
+    import numba
+
+    from solvers.active_set import method
+
+    for name in ("run_quiet_steps", "run_impulse_passes"):
+        code, seen = getattr(method, name), set()
+
+        def watched(*arguments, code=code, seen=seen):
+            seen.add(tuple(numba.typeof(argument) for argument in arguments))
+            return code(*arguments)
+
+        monkeypatch.setattr(method, name, watched)
+        for case, parameters in (
+            ("fig2", {}),
+            ("fig4", {"mu_I": 0.5}),
+            ("fig5", {"mu_I": 0.4}),
+            ("heap", {"bodies": 2, "mu": 0.4}),
+            ("tower", {"bodies": 1}),
+        ):
+            simulate(
+                scene(case, **parameters),
+                make_solver("lotstedt", accuracy=1e-9 if case == "fig4" else None),
+                until=0.6,
+                eps=0.01,
+                impulses="newton_coulomb",
+                keep_qps=False,
+            )
+        assert len(seen) == 1
+
+
 def test_a_solver_without_compiled_steps_goes_step_by_step():
     runs = [
         simulate(scene("fig2"), make_solver("daqp"), until=0.2, keep_qps=keep)

@@ -66,3 +66,21 @@ def entry(kernel: Any, *arguments: str) -> Any:
     signature = tuple(types[name] for name in arguments)
     kernel.compile(signature)
     return kernel.overloads[signature].entry_point
+
+
+class Direct:
+    """`kernel` as a callable that looks at the types of its arguments at the first call only.
+
+    For arguments of the same types at every call, whatever happens: nothing else is checked.
+    """
+
+    def __init__(self, kernel: Any):
+        self.kernel = kernel
+        self._code: Any = None
+
+    def __call__(self, *arguments: Any) -> Any:
+        if self._code is None:
+            signature = tuple(numba.typeof(argument) for argument in arguments)
+            self.kernel.compile(signature)
+            self._code = self.kernel.overloads[signature].entry_point
+        return self._code(*arguments)

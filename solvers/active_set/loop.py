@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from math import inf, nan, sqrt
 
+from problems.compiled import lent
 from solvers.active_set.compiled import kernel
 from solvers.active_set.conjugate_gradients import conjugate_gradients
 from solvers.active_set.factorization import (
@@ -550,6 +551,8 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
 
     x, the working set, the counts and the status are left in the workspace.
     """
+    A, d, lower, upper, row_id = lent(A), lent(d), lent(lower), lent(upper), lent(row_id)
+    S, I = lent(S), lent(I)
     m, k = A.shape
     settled = (mode & SETTLED) != 0 and (mode & WARM) != 0
     if settled and solve_settled(A, d, lower, upper, row_id, S, I, ROUNDING):

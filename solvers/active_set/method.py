@@ -66,7 +66,7 @@ from problems.quiet import (
     Impact,
     QuietSteps,
 )
-from solvers.active_set.compiled import entry
+from solvers.active_set.compiled import Direct, entry
 from solvers.active_set.loop import (
     CUSTOM,
     EXTRAPOLATED,
@@ -140,6 +140,10 @@ run_dense = entry(
     *("matrix", "vector", "vector", "vector", "indices", "floats", "ints", "float", "int"),
 )
 """`algorithm_2` as a callable that trusts its arguments: `ContactQP` has made sure of them."""
+
+
+run_quiet_steps, run_impulse_passes = Direct(quiet_steps), Direct(impulse_passes)
+"""The same for records of arrays, which come from `problems.quiet`."""
 
 
 class SparseCall(NamedTuple):
@@ -328,7 +332,7 @@ class Lotstedt(Solver):
         asked = run.eps0 if self.accuracy is None else self.accuracy
         eps0 = -1.0 if asked == "default" else float(asked)
         memory = make_room(m, k, contacts.friction_ids.size)
-        quiet_steps(run, *memory, room.S, room.I, eps0, mode)
+        run_quiet_steps(run, *memory, room.S, room.I, eps0, mode)
         if not run.counts[SOLVES] and not run.counts[TAKEN]:
             return None
         last = max(int(room.I[COUNTS, OLD_K]), 0) if run.counts[SOLVES] else 0
@@ -350,7 +354,7 @@ class Lotstedt(Solver):
             return None
         room = make_workspace(m, k)
         memory = make_room(m, k, collision.frictions.mu.size)
-        settled, *impact = impulse_passes(
+        settled, *impact = run_impulse_passes(
             *collision, most, tolerance, *memory, room.S, room.I, accuracy, mode
         )
         return Impact(*impact) if settled else None

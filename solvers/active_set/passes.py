@@ -11,6 +11,7 @@ from math import inf
 import numpy as np
 
 import problems.multistep as multistep
+from problems.compiled import lent
 from problems.contact_kernels import column_speeds, column_sum, dense_columns
 from problems.friction_kernels import (
     driven_forces,
@@ -110,12 +111,14 @@ def friction_passes(
     room : S, I, eps0 and mode, see `algorithm_2`
     found : v, a, lam_N, lam_F and bound, written to
     """
+    # tuples are lent, and arrays handed on one by one: else it is counted each time who holds them
+    frictions, (entries, pairs), (g_F, rubbing) = lent(frictions), lent(layout), lent(tangents)
     signs, sticking = frictions.signs, frictions.sticking
     friction_of, mu = frictions.friction_of, frictions.mu
-    A, d, lower, upper, norm_room = qp
-    A_posed, d_posed, lower_posed, upper_posed, norm_posed = posed
-    S, I, eps0, mode = room
-    v, a, lam_N, lam_F, bound = found
+    A, d, lower, upper, norm_room = lent(qp)
+    A_posed, d_posed, lower_posed, upper_posed, norm_posed = lent(posed)
+    S, I, eps0, mode = lent(room)
+    v, a, lam_N, lam_F, bound = lent(found)
     most, tolerance, rounding, next_only = stop
     m, k, N, F = D.size, frictions.row.size, lam_N.size, lam_F.size
     inverse_mass = 1 / D**2
@@ -126,7 +129,7 @@ def friction_passes(
         if F > 0:
             bound[:] = friction_bounds(friction_of, mu, lam_star)
             lam_F[:] = driven_forces(signs, bound)
-            force = forces + column_sum(*tangents, lam_F, m)
+            force = forces + column_sum(g_F, rubbing, lam_F, m)
             for j in range(sticking.size):
                 c = frictions.sticking_column[j]
                 lower[c], upper[c] = -bound[sticking[j]], bound[sticking[j]]
@@ -134,14 +137,14 @@ def friction_passes(
             return 0, mode, solves
         if k > 0:  # (3.2), (4.6)
             algorithm_2(
-                *(A_posed, d_posed, lower_posed, upper_posed, frictions.row_id, S, I, eps0, mode)
+                A_posed, d_posed, lower_posed, upper_posed, frictions.row_id, S, I, eps0, mode
             )
             mode |= WARM
             solves += 1
             if I[COUNTS, STATUS] != SOLVED:
                 return 0, mode, solves
         x = S[X, :k]
-        outcome(*layout, x, b, d, D, h, alpha0, v, a)
+        outcome(entries, pairs, x, b, d, D, h, alpha0, v, a)
         if redundant:
             x, more = least_norm(A, lower, upper, x, C, norm_room, norm_posed, mode)
             solves += more
@@ -152,7 +155,7 @@ def friction_passes(
         if most == 1:
             return number, mode, solves
         moved = force_change(signs, lam_F, bound, friction_bounds(friction_of, mu, lam_N))
-        off = column_sum(*tangents, moved, m) * inverse_mass
+        off = column_sum(g_F, rubbing, moved, m) * inverse_mass
         change = h / alpha0 * weighted_norm(D, off)
         rate = change / change_before if number > 1 and change_before > 0.0 else FIRST_RATE
         if next_only:
@@ -162,10 +165,18 @@ def friction_passes(
         if left <= tolerance:
             return number, mode, solves
         change_before = change
-        sigma = forced_signs(signs, lam_F, bound, column_speeds(*tangents, v))
+        sigma = forced_signs(signs, lam_F, bound, column_speeds(g_F, rubbing, v))
         lam_star = small_newton_multipliers(
-            *(columns, tangents, inverse_mass, friction_of, mu, signs, sigma),
-            *(lam_star, lam_N, False),
+            columns,
+            tangents,
+            inverse_mass,
+            friction_of,
+            mu,
+            signs,
+            sigma,
+            lam_star,
+            lam_N,
+            False,
         )
     return 0, mode, solves
 

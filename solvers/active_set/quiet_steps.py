@@ -15,6 +15,7 @@ import numpy as np
 
 import problems.multistep as multistep
 from problems.active_kernels import Frictions, qp_columns, without
+from problems.compiled import lent
 from problems.contact_kernels import (
     clearances,
     column_speeds,
@@ -143,10 +144,10 @@ def go_on(state, q, v, a):
 
 
 @kernel
-def first_guess(run, contacts, normals, now, h, w):
+def first_guess(run, contacts, g_N, bodies, now, h, w):
     """λ_* (N,) of the first pass, as `VelocityEquations._first_guess`.
 
-    normals : (entries, bodies) of g_N at the end of the step;  now : φ (N,) at its start
+    g_N, bodies : (N, 6), (N, 2) at the end of the step;  now : φ (N,) at its start
     w : h_n/h_{n−1}
     """
     known, shapes, state = run.counts[KNOWN], run.shapes, run.state
@@ -154,13 +155,23 @@ def first_guess(run, contacts, normals, now, h, w):
         return extrapolated_multipliers(contacts.lam, contacts.lam_before, known, w)
     if not contacts.signs.any():
         return np.full(contacts.lam.size, inf)
-    edges = shapes.part_body, shapes.edge_normal, shapes.edge_offset
-    sides = shapes.edge_start, shapes.edge_length
     inverse_mass = 1 / run.D**2
     free = path_end(state[Q], state[V], 0.5 * inverse_mass * run.forces, h)
-    there = place_corners(free, shapes.corner_body, shapes.corner_local)
-    then = contact_columns(*there, contacts.place, shapes.corner_body, *edges, *sides)[0]
-    return spring_loads(now, then, compliances(*normals, inverse_mass), h)
+    points, centres, cosine, sine = place_corners(free, shapes.corner_body, shapes.corner_local)
+    then = contact_columns(
+        points,
+        centres,
+        cosine,
+        sine,
+        contacts.place,
+        shapes.corner_body,
+        shapes.part_body,
+        shapes.edge_normal,
+        shapes.edge_offset,
+        shapes.edge_start,
+        shapes.edge_length,
+    )[0]
+    return spring_loads(now, then, compliances(g_N, bodies, inverse_mass), h)
 
 
 @kernel
@@ -233,20 +244,22 @@ def steady_steps(run, contacts, frictions, leaving, written, posed, S, I, eps0, 
     )
     corner, part, level, free = run.corner, run.part, run.level, run.free
     track, gaps, multipliers = run.track, run.gaps, run.multipliers
-    edges = shapes.part_body, shapes.edge_normal, shapes.edge_offset
-    sides = shapes.edge_start, shapes.edge_length
+    corner_body, corner_local, radius = shapes.corner_body, shapes.corner_local, shapes.radius
+    part_body, normal, offset = shapes.part_body, shapes.edge_normal, shapes.edge_offset
+    start, extent = shapes.edge_start, shapes.edge_length
     A_written = written[0]
     m, k, N, F = D.size, frictions.row.size, place.shape[0], signs.size
-    phis = np.empty((MAX_HALVINGS + 2, shapes.edge_offset.shape[1]))
-    right, left = np.empty(MAX_HALVINGS + 2), np.empty(shapes.edge_offset.shape[1])
+    phis = np.empty((MAX_HALVINGS + 2, offset.shape[1]))
+    right, left = np.empty(MAX_HALVINGS + 2), np.empty(offset.shape[1])
     q, v, a = np.empty(m), np.empty(m), np.empty(m)
     b, bend = np.empty(m), np.zeros(m)
     lam_N, lam_F, bound = np.zeros(N), np.zeros(F), np.zeros(F)
     slides, inverse_mass = signs.any(), 1 / D**2
-    pose = place_corners(state[Q], shapes.corner_body, shapes.corner_local)
-    before = clearances(*pose, corner, part, *edges)
+    # arrays are handed on one by one: to put them into a tuple first is to count who holds them
+    points, centres, cosine, sine = place_corners(state[Q], corner_body, corner_local)
+    before = clearances(points, centres, cosine, sine, corner, part, part_body, normal, offset)
     phi_before, _, g_F, bodies, _, _, _, _ = contact_columns(
-        *pose, place, shapes.corner_body, *edges, *sides
+        points, centres, cosine, sine, place, corner_body, part_body, normal, offset, start, extent
     )
     rubs = np.ones(F, np.bool_)
     tangent, rubbing = gather_columns(g_F, g_F, bodies, frictions.first, rubs)
@@ -273,27 +286,48 @@ def steady_steps(run, contacts, frictions, leaving, written, posed, S, I, eps0, 
             bend[i] = (state[V, i] - state[V_BEFORE, i]) / (2 * reals[H]) if order == 2 else 0.0
             b[i] = newest * state[V, i] - oldest * state[V_BEFORE, i]
         path_end(state[Q], state[V], bend, h, q)
-        if not largest_motion(run.listed_at, q, shapes.radius) <= reals[REACH]:
+        if not largest_motion(run.listed_at, q, radius) <= reals[REACH]:
             if counts[TAKEN] > 0:
                 counts[ENDED] = AGAIN
             return mode
-        pose = place_corners(q, shapes.corner_body, shapes.corner_local)
-        after = clearances(*pose, corner, part, *edges)
-        way = ways(state[V], bend, h, shapes.radius)
+        points, centres, cosine, sine = place_corners(q, corner_body, corner_local)
+        after = clearances(points, centres, cosine, sine, corner, part, part_body, normal, offset)
+        way = ways(state[V], bend, h, radius)
         for i in range(corner.size):
             c, p = corner[i], part[i]
-            a_way, b_way = way[shapes.corner_body[c]], way[shapes.part_body[p]]
-            if not free[i] or miss(before[i] - level[i], after[i] - level[i], a_way + b_way):
+            one, two = corner_body[c], part_body[p]
+            if not free[i] or miss(before[i] - level[i], after[i] - level[i], way[one] + way[two]):
                 continue
-            met = enters(
-                *(state[Q], state[V], bend, h, before[i], after[i], level[i]),
-                *(shapes.corner_body[c], shapes.part_body[p], shapes.corner_local[c]),
-                *(shapes.edge_normal[p], shapes.edge_offset[p], phis, right, left),
-            )
-            if met and not covered(c, p, place, shapes.corner_part, pose[0], reals[CONTACT_TOL]):
+            if enters(
+                state[Q],
+                state[V],
+                bend,
+                h,
+                before[i],
+                after[i],
+                level[i],
+                one,
+                two,
+                corner_local[c],
+                normal[p],
+                offset[p],
+                phis,
+                right,
+                left,
+            ) and not covered(c, p, place, shapes.corner_part, points, reals[CONTACT_TOL]):
                 return mode
         phi, g_N, g_F, bodies, _, along, length, _ = contact_columns(
-            *pose, place, shapes.corner_body, *edges, *sides
+            points,
+            centres,
+            cosine,
+            sine,
+            place,
+            corner_body,
+            part_body,
+            normal,
+            offset,
+            start,
+            extent,
         )
         for j in range(N):
             if beyond_edge(along[j], length[j]):
@@ -301,15 +335,27 @@ def steady_steps(run, contacts, frictions, leaving, written, posed, S, I, eps0, 
         entries, pairs, lam_star = g_N, bodies, lam_N
         if F > 0:
             tangent, rubbing = gather_columns(g_N, g_F, bodies, frictions.first, rubs)
-            lam_star = first_guess(run, contacts, (g_N, bodies), phi_before, h, w)
+            lam_star = first_guess(run, contacts, g_N, bodies, phi_before, h, w)
         if k > N:
             entries, pairs = gather_columns(g_N, g_F, bodies, frictions.row, frictions.tangential)
         if k > 0:
             dense_columns(entries, pairs, D, A_written)
         passes, mode, solves = friction_passes(
-            *(frictions, D, run.forces, (g_N, bodies), (entries, pairs), (tangent, rubbing)),
-            *(lam_star, b, h, alpha0, (counts[MOST_PASSES], 0.1 * reals[EPS], run.eps0, False)),
-            *(written, posed, (S, I, eps0, mode), (v, a, lam_N, lam_F, bound)),
+            frictions,
+            D,
+            run.forces,
+            (g_N, bodies),
+            (entries, pairs),
+            (tangent, rubbing),
+            lam_star,
+            b,
+            h,
+            alpha0,
+            (counts[MOST_PASSES], 0.1 * reals[EPS], run.eps0, False),
+            written,
+            posed,
+            (S, I, eps0, mode),
+            (v, a, lam_N, lam_F, bound),
         )
         counts[SOLVES] += solves
         if passes == 0:
@@ -370,10 +416,10 @@ def steady_steps(run, contacts, frictions, leaving, written, posed, S, I, eps0, 
         speed = column_speeds(g_N, bodies, v)
         if fastest_body(D, v) <= reals[REST_SPEED] or (speed < -APPROACHING * reals[EPS]).any():
             return mode
-        if (speed > reals[DROP_TOL]).any() and not let_go(
-            run, contacts, pose, after, speed, leaving
-        ):
-            return mode
+        if (speed > reals[DROP_TOL]).any():
+            pose = points, centres, cosine, sine
+            if not let_go(run, contacts, pose, after, speed, leaving):
+                return mode
         let_slip(run, contacts, leaving, slip)
         if counts[CHANGES] > changes:
             counts[ENDED] = CHANGED
@@ -390,6 +436,8 @@ def quiet_steps(run, memory, posed, ids, posed_ids, S, I, eps0, mode):
     memory, posed, ids, posed_ids : see `make_room`
     S, I, eps0, mode : see `algorithm_2`
     """
+    run, S, I = lent(run), lent(S), lent(I)
+    memory, posed, ids, posed_ids = lent(memory), lent(posed), lent(ids), lent(posed_ids)
     contacts, m = run.contacts, run.D.size
     while True:
         columns = qp_columns(

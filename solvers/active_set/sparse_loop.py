@@ -25,6 +25,7 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
+from problems.compiled import lent
 from solvers.active_set.compiled import kernel
 from solvers.active_set.loop import (
     AT_LOWER,
@@ -356,6 +357,7 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
     eps0 : accuracy in ‖A δx‖ (3.13), negative for the default of `method`
     mode : bits of `loop`, and TODAYS_A; SETTLED is for small QPs
     """
+    pattern, Bx, Lx, S, I = lent(pattern), lent(Bx), lent(Lx), lent(S), lent(I)
     m, k, order = d.size, pattern.order.size, pattern.order
     for i in range(DIRECTIONS, FLOPS + 1):
         I[COUNTS, i] = 0
