@@ -98,7 +98,8 @@ class Geometry:
         self.n_moving = len(parts)
         self.corner_part = np.repeat(np.arange(n_parts), self.part_size)
         self.corner_body = self.part_body[self.corner_part]
-        self.corner_local = np.concatenate([p for _, p in parts] or [np.zeros((0, 2))])
+        corners = [p for _, p in parts] or [np.zeros((0, 2))]
+        self.corner_local = np.concatenate(corners, dtype=np.float64)
         first_of_body = np.searchsorted(self.corner_body, np.arange(self.n_bodies + 1))
         self.corner_number = np.arange(len(self.corner_body)) - first_of_body[self.corner_body]
         # edges are numbered through their body, half planes through the ground

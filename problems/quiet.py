@@ -172,6 +172,7 @@ class Quiet:
         m, options = stepper.q.size, stepper.options
         self._state, self._counts = np.zeros((5, m)), np.zeros(ENTRIES, dtype=np.int64)
         self._track, self._gaps = np.empty((MOST, 1 + 2 * m)), np.empty(MOST)
+        self._multipliers = np.empty(0)
         self._reals = np.array(
             [
                 *(0.0, 0.0, 0.0, options.eps, options.drop_tol, options.h_max),
@@ -223,19 +224,17 @@ class Quiet:
         state[Q], state[V], state[V_BEFORE] = stepper.q, history.v, history.v_before
         for row, a in zip((A, A_BEFORE), history.a, strict=False):
             state[row] = a
-        reals[TIME], reals[H], reals[WISH], reals[UNTIL] = (
-            *(stepper.t, history.h, stepper.h_last),
-            until,
-        )
+        reals[TIME], reals[UNTIL] = stepper.t, until
+        reals[H], reals[WISH] = history.h, stepper.h_last
         signs = np.array([friction.sign for friction in active.frictions], dtype=np.float64)
         corrected = options.friction == "corrected" and signs.size > 0
         counts[:] = 0
-        counts[STEPS], counts[HIGHEST], counts[KNOWN], counts[MOST_PASSES] = (
-            *(history.steps, history.highest, stepper.lam_known),
-            MAX_PASSES if corrected else 1,
-        )
+        counts[STEPS], counts[HIGHEST] = history.steps, history.highest
+        counts[KNOWN], counts[MOST_PASSES] = stepper.lam_known, MAX_PASSES if corrected else 1
         counts[OPEN], counts[CUTS] = end < ahead, options.stops == "located"
         rows = active.normal_ids.size + signs.size
+        if self._multipliers.size < MOST * rows:
+            self._multipliers = np.empty(2 * MOST * rows)
         return QuietSteps(
             shapes=stepper.shapes,
             D=stepper.D,
@@ -253,7 +252,7 @@ class Quiet:
             counts=counts,
             track=self._track,
             gaps=self._gaps,
-            multipliers=np.empty((MOST, rows)),
+            multipliers=self._multipliers[: MOST * rows].reshape(MOST, rows),
             at_bound=np.zeros(signs.size, dtype=np.bool_),
             stopped=np.zeros(signs.size, dtype=np.bool_),
             changes=np.empty((rows, 2), dtype=np.int64),
@@ -264,14 +263,16 @@ class Quiet:
 def _follow(stepper: Transitions, run: QuietSteps, active: ActiveSet, taken: int) -> None:
     """Bring the stepper to where the run has come, with what has changed on the way."""
     state, steps = run.state.copy(), int(run.counts[STEPS])
-    track, gaps = run.track[:taken].copy(), run.gaps[:taken].copy()
+    track, gaps, multipliers = (
+        part[:taken].copy() for part in (run.track, run.gaps, run.multipliers)
+    )
     m = stepper.q.size
     ids, first = (active.normal_ids, active.friction_ids), 0
 
     def record(last: int) -> None:
         part = slice(first, last)
         t, q, v = track[part, 0], track[part, 1 : 1 + m], track[part, 1 + m :]
-        lam = run.multipliers[part, : ids[0].size + ids[1].size]
+        lam = multipliers[part, : ids[0].size + ids[1].size]
         stepper.stretches.append(Stretch(t, q, v, gaps[part], *ids, lam))
 
     changes = run.changes[: run.counts[CHANGES]].tolist()

@@ -1,6 +1,6 @@
 """How the method's kernels are compiled: as those of `problems.compiled`, which they may call.
 
-The first call on a machine compiles for some seconds, and says so.
+The first call on a machine compiles for up to a minute, and says so.
 """
 
 from __future__ import annotations
@@ -42,6 +42,8 @@ kernel = compiled.kernel_decorator(
         *(Path(compiled.__file__).with_name(name) for name in PHYSICS),
     ]
 )
+
+lent = compiled.lent
 
 
 def entry(kernel: Any, *arguments: str) -> Any:

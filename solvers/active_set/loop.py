@@ -10,8 +10,7 @@ from __future__ import annotations
 
 from math import inf, nan, sqrt
 
-from problems.compiled import lent
-from solvers.active_set.compiled import kernel
+from solvers.active_set.compiled import kernel, lent
 from solvers.active_set.conjugate_gradients import conjugate_gradients
 from solvers.active_set.factorization import (
     UNIT_ROUNDOFF,

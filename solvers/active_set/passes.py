@@ -11,7 +11,6 @@ from math import inf
 import numpy as np
 
 import problems.multistep as multistep
-from problems.compiled import lent
 from problems.contact_kernels import column_speeds, column_sum, dense_columns
 from problems.friction_kernels import (
     driven_forces,
@@ -25,7 +24,7 @@ from problems.multistep import FIRST_RATE
 from problems.qp import LARGEST, Indices, Vector
 from problems.quiet import read_only
 from problems.step_kernels import momentum, outcome, weighted_norm
-from solvers.active_set.compiled import kernel
+from solvers.active_set.compiled import kernel, lent
 from solvers.active_set.loop import SOLVED, WARM, algorithm_2
 from solvers.active_set.minimum_norm import LeastDistance, least_norm
 from solvers.active_set.workspace import COUNTS, STATUS, X

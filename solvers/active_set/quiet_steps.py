@@ -15,7 +15,6 @@ import numpy as np
 
 import problems.multistep as multistep
 from problems.active_kernels import Frictions, qp_columns, without
-from problems.compiled import lent
 from problems.contact_kernels import (
     clearances,
     column_speeds,
@@ -83,7 +82,7 @@ from problems.step_kernels import (
     ways,
     weighted_norm,
 )
-from solvers.active_set.compiled import kernel
+from solvers.active_set.compiled import kernel, lent
 from solvers.active_set.passes import clear, friction_passes, room_for
 
 second_order_bdf = kernel(multistep.second_order_bdf)

@@ -25,8 +25,7 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from problems.compiled import lent
-from solvers.active_set.compiled import kernel
+from solvers.active_set.compiled import kernel, lent
 from solvers.active_set.loop import (
     AT_LOWER,
     AT_UPPER,
