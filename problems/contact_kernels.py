@@ -84,6 +84,15 @@ def clearance_on_path(
 
 
 @kernel
+def past_tip(phi, edge):
+    """Whether a corner with φ (E,) to the edges of a part is inside `edge`, and less so of another.
+
+    See `Geometry.past_tip`.
+    """
+    return phi[edge] < min(0.0, phi.max())
+
+
+@kernel
 def contact_columns(
     corners, centres, cosine, sine, places, corner_body, part_body, normal, offset, start, length
 ):

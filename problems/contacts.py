@@ -32,6 +32,7 @@ from problems.contact_kernels import (
     clearances,
     contact_columns,
     edge_distances,
+    past_tip,
     place_corners,
 )
 from problems.multistep import Path
@@ -199,7 +200,7 @@ class Geometry:
         again, however deep the edges cross.
         """
         phi = self.distances(pose, np.array([corner]), np.array([part]))[0]
-        return bool(phi[edge] < min(0.0, phi.max()))
+        return past_tip(phi, edge)
 
     def partner(self, pose: Pose, corner: int, part: int, edge: int, end: int) -> tuple | None:
         """The (corner, part, edge) to which a corner that passed the end of its edge hands over.

@@ -24,6 +24,7 @@ from problems.contact_kernels import (
     edge_distances,
     gather_columns,
     own_gains,
+    past_tip,
     place_corners,
 )
 from problems.dips import MAX_HALVINGS
@@ -202,7 +203,7 @@ def let_go(run, contacts, pose, clearance, speed, leaving):
                 at[n] = i
         one = np.array([c]), np.array([p])
         phi = edge_distances(*pose, *one, *edges)[0]
-        if at[n] < 0 or phi[e] < min(0.0, phi.max()):
+        if at[n] < 0 or past_tip(phi, e):
             return False
     for n in range(which.size):
         i = at[n]
