@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from problems import scene, simulate
+from problems import Scene, scene, simulate
+from problems.bodies import polygon_body
+from problems.contacts import HalfPlane
+from problems.shapes import box_corners
 from solvers import make_solver
 
 SAME = 1e-10
@@ -101,6 +104,26 @@ def test_the_solver_is_not_asked_where_it_is_known_to_take_no_steps(name, in_vai
     simulate(scene(name), make_solver("lotstedt"), until=0.7, keep_qps=False)
     # a collision is seen coming; contacts that jam are not
     assert taken.count(0) <= in_vain * len(taken)
+
+
+def test_redundant_contacts_that_all_slide_share_their_load():
+    """Three tall feet of one body slide on the ground; friction takes the load off the hindmost."""
+    places = np.array([[-1.0, 0.0], [0.0, 0.0], [1.0, 0.0]])
+    sledge = Scene(
+        name="sledge",
+        bodies=(polygon_body([box_corners(0.4, 3.0) + place for place in places]),),
+        ground=(HalfPlane(),),
+        q0=np.array([[0.0, 1.5, 0.0]]),
+        v0=np.array([[2.0, 0.0, 0.0]]),
+        mu=0.45,
+        end_time=0.3,
+    )
+    solver = make_solver("lotstedt")
+    kept, left = (simulate(sledge, solver, keep_qps=keep) for keep in (True, False))
+    assert left.counts == kept.counts and kept.counts["qps"] > 2 * kept.counts["steps"]
+    np.testing.assert_allclose(left.q, kept.q, rtol=0, atol=SAME)
+    for one, other in zip(left.multipliers, kept.multipliers, strict=True):
+        np.testing.assert_allclose(list(one.values()), list(other.values()), rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize(

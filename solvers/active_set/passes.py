@@ -37,8 +37,7 @@ def make_room(m: int, k: int, frictions: int) -> tuple[Vector, Vector, Indices, 
 
     Numbers to be written to, and the same read only; row_id, and the same.
     """
-    # λ of least norm bounds friction, and only there is asked for
-    most = 2 * (k + frictions) if frictions else 0
+    most = 2 * (k + frictions)
     memory = np.empty(m * (k + 1) + 2 * k + (k + 1) * most + k + 1 + 2 * most)
     ids = np.empty(k + most, dtype=np.int64)
     return memory, read_only(memory), ids, read_only(ids)
@@ -47,7 +46,7 @@ def make_room(m: int, k: int, frictions: int) -> tuple[Vector, Vector, Indices, 
 @kernel
 def room_for(memory, ids, m, k, rows):
     """A (m, k), d (m,), lower and upper (k,), a `LeastDistance` with so many rows; row_id (k,)."""
-    most = 2 * k + rows if rows > 0 else 0
+    most = 2 * k + rows
     A, rest = memory[: m * k].reshape(m, k), memory[m * k :]
     d, lower, upper, rest = rest[:m], rest[m : m + k], rest[m + k : m + 2 * k], rest[m + 2 * k :]
     E, rest = rest[: (k + 1) * most], rest[(k + 1) * most :]
