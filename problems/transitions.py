@@ -95,6 +95,8 @@ class Transitions(System):
 
     def _slide_off(self, losses: list[SlideOff]) -> list[Hit]:
         """Remove what lost its support; the ends of the edges take over, or hit."""
+        if not losses:
+            return []
         geometry, pose = self.graph.geometry, self.graph.geometry.pose(self.q)
         hits = []
         for normal in (loss.normal for loss in losses if loss.normal.row_id in self.graph.normals):
