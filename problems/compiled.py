@@ -17,7 +17,9 @@ from typing import Any
 
 import numba
 from numba.core import cgutils, types
+from numba.core.imputils import impl_ret_borrowed
 from numba.extending import intrinsic
+from numba.np.arrayobj import populate_array
 
 FAST_MATH = frozenset({"reassoc", "contract", "nsz"})
 """Sums may be regrouped for vector instructions; NaN and infinity keep their meaning."""
@@ -86,7 +88,47 @@ who holds it: up to three quarters of the time of a step.  The caller holds the 
 kernel for as long as it runs.  What is lent must not be returned.
 """
 
+
+def _keep_from_writing(typingctx: Any, array: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return impl_ret_borrowed(context, builder, signature.return_type, arguments[0])
+
+    return array.copy(readonly=True)(array), codegen
+
+
+read_only: Any = intrinsic(_keep_from_writing)
+"""`read_only(x)` in a kernel: the same array, not to be written to, as a solver wants a QP."""
+
+
+def _in_rows(typingctx: Any, array: Any, rows: Any, columns: Any) -> Any:
+    kind = array.copy(ndim=2)
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        vector = context.make_array(array)(context, builder, arguments[0])
+        matrix = context.make_array(kind)(context, builder)
+        width = vector.itemsize
+        shape = [
+            context.cast(builder, count, given, types.intp)
+            for count, given in zip(arguments[1:], (rows, columns), strict=True)
+        ]
+        populate_array(
+            matrix,
+            data=vector.data,
+            shape=shape,
+            strides=[builder.mul(shape[1], width), width],
+            itemsize=width,
+            meminfo=vector.meminfo,
+        )
+        return impl_ret_borrowed(context, builder, kind, matrix._getvalue())
+
+    return kind(array, rows, columns), codegen
+
+
+in_rows: Any = intrinsic(_in_rows)
+"""`in_rows(x, n, m)` in a kernel: x (n m,) as (n, m), in no time."""
+
 SOURCES = (
+    "arena.py",
     "active_kernels.py",
     "contact_kernels.py",
     "broad_phase.py",

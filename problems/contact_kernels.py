@@ -2,25 +2,27 @@
 
 What the formulas mean is said in `problems.contacts`; a column is kept as its six entries
 for the body of the corner and the body of the edge, and the numbers of these two bodies, −1 for the
-ground, which does not move.
+ground, which does not move.  What an `arena` is: see `problems.arena`.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from problems.compiled import kernel
+from problems.arena import integers, numbers, table, zeros
+from problems.compiled import in_rows, kernel
 
 
 @kernel
-def place_corners(q, body, local):
+def place_corners(q, body, local, arena=None):
     """Corners (C, 2), centres (n+1, 2), cos φ, sin φ (n+1,) at q (3n,); the last is the ground."""
     n = q.size // 3
-    centres, cosine, sine = np.zeros((n + 1, 2)), np.ones(n + 1), np.zeros(n + 1)
+    centres, cosine, sine = table(arena, n + 1, 2), numbers(arena, n + 1), numbers(arena, n + 1)
+    centres[n, 0], centres[n, 1], cosine[n], sine[n] = 0.0, 0.0, 1.0, 0.0
     for b in range(n):
         centres[b, 0], centres[b, 1] = q[3 * b], q[3 * b + 1]
         cosine[b], sine[b] = np.cos(q[3 * b + 2]), np.sin(q[3 * b + 2])
-    corners = np.empty_like(local)
+    corners = table(arena, local.shape[0], 2)
     for i in range(local.shape[0]):
         b, x, y = body[i], local[i, 0], local[i, 1]
         corners[i, 0] = centres[b, 0] + cosine[b] * x - sine[b] * y
@@ -43,9 +45,9 @@ def edge_distances(corners, centres, cosine, sine, corner, part, part_body, norm
 
 
 @kernel
-def clearances(corners, centres, cosine, sine, corner, part, part_body, normal, offset):
+def clearances(corners, centres, cosine, sine, corner, part, part_body, normal, offset, arena=None):
     """max_e φ_e of each corner against its part, (N,)."""
-    phi = np.empty(corner.size)
+    phi = numbers(arena, corner.size)
     for i in range(corner.size):
         p = part[i]
         b = part_body[p]
@@ -94,15 +96,26 @@ def past_tip(phi, edge):
 
 @kernel
 def contact_columns(
-    corners, centres, cosine, sine, places, corner_body, part_body, normal, offset, start, length
+    corners,
+    centres,
+    cosine,
+    sine,
+    places,
+    corner_body,
+    part_body,
+    normal,
+    offset,
+    start,
+    length,
+    arena=None,
 ):
     """`Columns` of places (N, 3): φ, g_N, g_F (N, 6), bodies (N, 2), point (N, 2), along, length,
     τ (N, 2)."""
     count = places.shape[0]
-    phi, along, lengths = np.empty(count), np.empty(count), np.empty(count)
-    point = np.empty((count, 2))
-    g_N, g_F = np.empty((count, 6)), np.empty((count, 6))
-    bodies, direction = np.empty((count, 2), dtype=np.int64), np.empty((count, 2))
+    phi, along, lengths = numbers(arena, count), numbers(arena, count), numbers(arena, count)
+    g_N, g_F = table(arena, count, 6), table(arena, count, 6)
+    point, direction = table(arena, count, 2), table(arena, count, 2)
+    bodies = in_rows(integers(arena, 2 * count), count, 2)
     for i in range(count):
         corner, p, e = places[i, 0], places[i, 1], places[i, 2]
         a, b = corner_body[corner], part_body[p]
@@ -125,9 +138,9 @@ def contact_columns(
 
 
 @kernel
-def column_speeds(entries, bodies, v):
+def column_speeds(entries, bodies, v, arena=None):
     """gᵀ v of each column, (N,)."""
-    speed = np.zeros(bodies.shape[0])
+    speed = zeros(arena, bodies.shape[0])
     for i in range(bodies.shape[0]):
         for side in range(2):
             b = bodies[i, side]
@@ -138,9 +151,9 @@ def column_speeds(entries, bodies, v):
 
 
 @kernel
-def compliances(entries, bodies, inverse_mass):
+def compliances(entries, bodies, inverse_mass, arena=None):
     """gᵀ M⁻¹ g of each column, (N,)."""
-    square = np.zeros(bodies.shape[0])
+    square = zeros(arena, bodies.shape[0])
     for i in range(bodies.shape[0]):
         for side in range(2):
             b = bodies[i, side]
@@ -179,9 +192,9 @@ def columns_product(entries, bodies, i, others, their_bodies, l, inverse_mass):
 
 
 @kernel
-def own_gains(normal, tangent, bodies, inverse_mass, friction_of, signs, mu):
+def own_gains(normal, tangent, bodies, inverse_mass, friction_of, signs, mu, arena=None):
     """γ = −μ s (g_NᵀM⁻¹g_F)/(g_NᵀM⁻¹g_N) of each normal whose contact slides, else 0, (N,)."""
-    gain = np.zeros(bodies.shape[0])
+    gain = zeros(arena, bodies.shape[0])
     for i in range(bodies.shape[0]):
         j = friction_of[i]
         if j < 0 or signs[j] == 0:
@@ -199,9 +212,9 @@ def own_gains(normal, tangent, bodies, inverse_mass, friction_of, signs, mu):
 
 
 @kernel
-def column_sum(entries, bodies, weights, m):
+def column_sum(entries, bodies, weights, m, arena=None):
     """Σ g weight, (m,)."""
-    total = np.zeros(m)
+    total = zeros(arena, m)
     for i in range(bodies.shape[0]):
         for side in range(2):
             b = bodies[i, side]
@@ -212,10 +225,10 @@ def column_sum(entries, bodies, weights, m):
 
 
 @kernel
-def gather_columns(normal, tangent, bodies, row, tangential):
+def gather_columns(normal, tangent, bodies, row, tangential, arena=None):
     """Entries (k, 6) and bodies (k, 2) of the columns that are g_F or g_N of these rows."""
-    entries = np.empty((row.size, 6))
-    where = np.empty((row.size, 2), dtype=np.int64)
+    entries = table(arena, row.size, 6)
+    where = in_rows(integers(arena, 2 * row.size), row.size, 2)
     for c in range(row.size):
         i = row[c]
         source = tangent if tangential[c] else normal

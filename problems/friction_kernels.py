@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from problems.arena import numbers, zeros
 from problems.compiled import kernel
 from problems.contact_kernels import column_product, column_sum, columns_product
 
@@ -21,9 +22,9 @@ SMALLEST_PIVOT = 1e-10
 
 
 @kernel
-def friction_bounds(friction_of, mu, lam_N):
+def friction_bounds(friction_of, mu, lam_N, arena=None):
     """μ Σ λ_N, the bound of each friction (F,)."""
-    bound = np.zeros_like(mu)
+    bound = zeros(arena, mu.size)
     for i in range(friction_of.size):
         if friction_of[i] >= 0:
             bound[friction_of[i]] += lam_N[i]
@@ -33,9 +34,9 @@ def friction_bounds(friction_of, mu, lam_N):
 
 
 @kernel
-def driven_forces(signs, bound):
+def driven_forces(signs, bound, arena=None):
     """s μ Σ λ_* of the sliding contacts, 0 of the sticking ones (F,)."""
-    force = np.zeros_like(bound)
+    force = zeros(arena, bound.size)
     for j in range(bound.size):
         if signs[j] != 0.0:
             force[j] = signs[j] * bound[j]
@@ -49,13 +50,13 @@ def at_bound(lam_F, bound):
 
 
 @kernel
-def forced_signs(signs, lam_F, bound, slip):
+def forced_signs(signs, lam_F, bound, slip, arena=None):
     """σ (F,): the sign of a friction force that is proportional to λ_*, 0 where it is not.
 
     signs : s of a sliding contact, 0 of a sticking one;  lam_F, bound : λ_F and μ Σ λ_*
     slip : g_Fᵀq̇ up to a positive factor, for the contacts without a load, where λ_F = ± 0
     """
-    sigma = np.zeros_like(bound)
+    sigma = zeros(arena, bound.size)
     for j in range(bound.size):
         if signs[j] != 0.0:
             sigma[j] = signs[j]
@@ -65,7 +66,7 @@ def forced_signs(signs, lam_F, bound, slip):
 
 
 @kernel
-def force_change(signs, stuck, bound, new_bound):
+def force_change(signs, stuck, bound, new_bound, arena=None):
     """How far each friction multiplier would move under the new bounds μ Σ λ_N.  (F,)
 
     signs : (F,) s of a sliding contact, 0 of a sticking one
@@ -75,7 +76,7 @@ def force_change(signs, stuck, bound, new_bound):
     A sliding force moves with its bound; a sticking one only where it is at the old bound or
     beyond the new one.
     """
-    change = np.empty_like(bound)
+    change = numbers(arena, bound.size)
     for j in range(bound.size):
         step = new_bound[j] - (0.0 if bound[j] == np.inf else bound[j])
         if signs[j] != 0.0:
@@ -88,9 +89,9 @@ def force_change(signs, stuck, bound, new_bound):
 
 
 @kernel
-def extrapolated_multipliers(lam, before, known, w):
+def extrapolated_multipliers(lam, before, known, w, arena=None):
     """λ_* ≥ 0 (N,) by (4.3) with one known time point, by (4.2) with two; w = h_n/h_{n−1}."""
-    found = np.empty_like(lam)
+    found = numbers(arena, lam.size)
     for i in range(lam.size):
         change = w * (lam[i] - before[i]) if known > 1 else 0.0
         found[i] = max(0.0, lam[i] + change)
@@ -98,9 +99,9 @@ def extrapolated_multipliers(lam, before, known, w):
 
 
 @kernel
-def spring_loads(now, then, compliance, h):
+def spring_loads(now, then, compliance, h, arena=None):
     """λ_* ≥ 0 (N,) of (4.4) from φ (N,) now and where the path would be without contacts [m]."""
-    found = np.empty_like(now)
+    found = numbers(arena, now.size)
     for i in range(now.size):
         found[i] = max(0.0, -SPRING / (h * h * compliance[i]) * (then[i] - now[i]))
     return found

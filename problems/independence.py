@@ -7,21 +7,20 @@ from __future__ import annotations
 
 from math import sqrt
 
-import numpy as np
-
-from problems.compiled import kernel
+from problems.arena import zeros
+from problems.compiled import in_rows, kernel
 
 SAFE_FRACTION = 1e-6
 """Singular values above this fraction of ‖A‖_F leave no doubt about the rank."""
 
 
 @kernel
-def far_from_dependent(A, fraction):
+def far_from_dependent(A, fraction, arena=None):
     """Whether AᵀA − τ²I of A (m, k) has Cholesky factors, τ = `fraction` ‖A‖_F."""
     m, k = A.shape
     if k > m:
         return False
-    L = np.zeros((k, k))
+    L = in_rows(zeros(arena, k * k), k, k)
     for e in range(m):
         for i in range(k):
             if A[e, i] != 0.0:

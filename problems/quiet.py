@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from problems.active_kernels import Contacts, Frictions
+from problems.arena import Arena
 from problems.assembly import Assembly
 from problems.constraint_graph import ActiveSet
 from problems.contacts import Geometry
@@ -87,6 +88,7 @@ class QuietSteps(NamedTuple):
     changes : (N + F, 2) steps taken and the row_id of a normal that left after them, or of a
         friction that began to slip
     sense : (N + F,) the clearance of that normal [m], or the sign s of that friction
+    arena : room for what is made on the way
     """
 
     shapes: Shapes
@@ -109,6 +111,7 @@ class QuietSteps(NamedTuple):
     stopped: NDArray[np.bool_]
     changes: Indices
     sense: Vector
+    arena: Arena
 
 
 class Collision(NamedTuple):
@@ -151,13 +154,6 @@ class TakesQuietSteps(Protocol):
         """Take steps until the stepper is needed; the last solution, None without any."""
 
 
-def read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """The same memory, not to be written to, as kernels want what a QP consists of."""
-    view = array.view()
-    view.setflags(write=False)
-    return view
-
-
 class Quiet:
     """Leaves the quiet steps of a stepper to its solver, unless it is known to take none."""
 
@@ -173,6 +169,7 @@ class Quiet:
         self._state, self._counts = np.zeros((5, m)), np.zeros(ENTRIES, dtype=np.int64)
         self._track, self._gaps = np.empty((MOST, 1 + 2 * m)), np.empty(MOST)
         self._multipliers = np.empty(0)
+        self._arena, self._arena_size = Arena.of(0), 0
         self._reals = np.array(
             [
                 *(0.0, 0.0, 0.0, options.eps, options.drop_tol, options.h_max),
@@ -235,6 +232,9 @@ class Quiet:
         rows = active.normal_ids.size + signs.size
         if self._multipliers.size < MOST * rows:
             self._multipliers = np.empty(2 * MOST * rows)
+        size = state.size + near.corner.size + rows + stepper.shapes.corner_body.size
+        if self._arena_size < size:
+            self._arena, self._arena_size = Arena.of(2 * size), 2 * size
         return QuietSteps(
             shapes=stepper.shapes,
             D=stepper.D,
@@ -257,6 +257,7 @@ class Quiet:
             stopped=np.zeros(signs.size, dtype=np.bool_),
             changes=np.empty((rows, 2), dtype=np.int64),
             sense=np.empty(rows),
+            arena=self._arena,
         )
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from problems.arena import numbers, zeros
 from problems.compiled import kernel
 from problems.contact_kernels import clearance_on_path, clearances, place_corners
 from problems.dips import ARRIVAL, MAX_HALVINGS, first_dip, floor_of
@@ -47,12 +48,12 @@ def largest_motion(before, after, radius):
 
 
 @kernel
-def ways(velocity, curvature, h, radius):
+def ways(velocity, curvature, h, radius, arena=None):
     """Bound of how far any point of each body moves on a path, there and back, (n + 1,) [m].
 
     velocity, curvature : those of `path_end`;  the last entry is that of the ground, 0
     """
-    way = np.zeros(radius.size + 1)
+    way = zeros(arena, radius.size + 1)
     for b in range(radius.size):
         i, j, l = 3 * b, 3 * b + 1, 3 * b + 2
         x = max(abs(velocity[i]), abs(velocity[i] + 2 * h * curvature[i]))
@@ -212,14 +213,15 @@ def outcome(entries, bodies, x, b, d, D, h, alpha0, v=None, a=None):
 
 
 @kernel
-def stopping_lengths(signs, before, after, h, eps):
+def stopping_lengths(signs, before, after, h, eps, arena=None):
     """h at which each sliding contact stops (F,), by linear interpolation of g_Fᵀq̇; else ∞.
 
     signs : (F,) s, 0 of a sticking one;  before, after : (F,) g_Fᵀq̇ at the ends of a step h
     A contact that slips slower than `STOPPED` ε at h has stopped there.
     """
-    lengths = np.full(signs.size, np.inf)
+    lengths = numbers(arena, signs.size)
     for j in range(signs.size):
+        lengths[j] = np.inf
         if signs[j] == 0.0:
             continue
         if abs(after[j]) <= STOPPED * eps:

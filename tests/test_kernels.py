@@ -239,3 +239,23 @@ def test_what_is_lent_is_the_same_and_is_let_go():
     assert sys.getrefcount(one) == 2
     del one
     assert watched() is None and other.tolist() == [0.0, 1.0, 2.0]
+
+
+def test_memory_seen_otherwise_is_the_same_memory():
+    import numba
+
+    from problems.compiled import in_rows, read_only
+
+    @numba.njit
+    def seen(vector):
+        rows = in_rows(vector, 2, 3)
+        rows[1, 0] = 7.0
+        return rows, read_only(rows)
+
+    vector = np.arange(6.0)
+    rows, posed = seen(vector)
+    assert np.shares_memory(rows, vector) and np.shares_memory(posed, vector)
+    assert rows.tolist() == posed.tolist() == [[0.0, 1.0, 2.0], [7.0, 4.0, 5.0]]
+    assert rows.flags.writeable and not posed.flags.writeable
+    del rows, posed
+    assert sys.getrefcount(vector) == 2

@@ -6,6 +6,7 @@ import scipy.sparse as sp
 from scipy.optimize import minimize
 
 from problems import scene, simulate
+from problems.arena import Arena
 from problems.independence import far_from_dependent
 from problems.minimum_norm import (
     IndependenceProof,
@@ -21,7 +22,6 @@ from problems.sparse_minimum_norm import ridge
 from solvers import make_solver
 from solvers.active_set import minimum_norm as compiled
 from solvers.active_set.loop import TODAYS_QR
-from solvers.active_set.minimum_norm import least_distance_room
 from solvers.active_set.sparse_pattern import is_narrow
 
 
@@ -233,8 +233,7 @@ def test_the_sparse_way_finds_the_same_multipliers(seed, with_rows):
 
 
 def compiled_least_norm(A, lam, lower, upper, C):
-    rooms = least_distance_room(lam.size, C.shape[0])
-    return compiled.least_norm(A, lower, upper, lam, C, *rooms, TODAYS_QR)
+    return compiled.least_norm(A, lower, upper, lam, C, Arena.of(lam.size), TODAYS_QR)
 
 
 @pytest.mark.parametrize("with_rows", [False, True])

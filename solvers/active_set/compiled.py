@@ -43,7 +43,7 @@ kernel = compiled.kernel_decorator(
     ]
 )
 
-lent = compiled.lent
+in_rows, lent, read_only = compiled.in_rows, compiled.lent, compiled.read_only
 
 
 def entry(kernel: Any, *arguments: str) -> Any:

@@ -58,6 +58,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
+from problems.arena import Arena
 from problems.qp import ContactQP, Solution, Status, Vector, WorkCounts
 from problems.quiet import (
     SOLVES,
@@ -81,8 +82,8 @@ from solvers.active_set.loop import (
     WARM,
     algorithm_2,
 )
-from solvers.active_set.minimum_norm import least_distance_room, least_norm
-from solvers.active_set.passes import impulse_passes, make_room
+from solvers.active_set.minimum_norm import least_norm
+from solvers.active_set.passes import impulse_passes
 from solvers.active_set.quiet_steps import quiet_steps
 from solvers.active_set.sparse_loop import TODAYS_A, sparse_algorithm_2
 from solvers.active_set.sparse_pattern import is_narrow, make_pattern
@@ -331,8 +332,7 @@ class Lotstedt(Solver):
                 room = dense_room(m, k, before)
         asked = run.eps0 if self.accuracy is None else self.accuracy
         eps0 = -1.0 if asked == "default" else float(asked)
-        memory = make_room(m, k, contacts.friction_ids.size)
-        run_quiet_steps(run, *memory, room.S, room.I, eps0, mode)
+        run_quiet_steps(run, room.S, room.I, eps0, mode)
         if not run.counts[SOLVES] and not run.counts[TAKEN]:
             return None
         last = max(int(room.I[COUNTS, OLD_K]), 0) if run.counts[SOLVES] else 0
@@ -353,9 +353,8 @@ class Lotstedt(Solver):
         if mode is None:
             return None
         room = make_workspace(m, k)
-        memory = make_room(m, k, collision.frictions.mu.size)
         settled, *impact = run_impulse_passes(
-            *collision, most, tolerance, *memory, room.S, room.I, accuracy, mode
+            *(*collision, most, tolerance, Arena.of(m + k), room.S, room.I, accuracy, mode)
         )
         return Impact(*impact) if settled else None
 
@@ -376,8 +375,8 @@ class Lotstedt(Solver):
         if mode is None:
             return None
         C = np.zeros((0, qp.k)) if coulomb is None else coulomb.toarray()
-        rooms = least_distance_room(qp.k, C.shape[0])
-        return least_norm(qp.dense_A.copy(), qp.lower.copy(), qp.upper.copy(), x, C, *rooms, mode)
+        arena = Arena.of(qp.k + C.shape[0])
+        return least_norm(qp.dense_A.copy(), qp.lower.copy(), qp.upper.copy(), x, C, arena, mode)
 
     def _hand_over_options(self, room: Workspace | SparseWorkspace, t: float) -> None:
         limit, reals = self.iteration_limit, room.S[REALS]

@@ -7,40 +7,15 @@ not kept: the least-distance problem is an `algorithm_2` like every other, but n
 from __future__ import annotations
 
 from math import inf, sqrt
-from typing import NamedTuple
 
 import numpy as np
 
+from problems.arena import integers, numbers, table
 from problems.minimum_norm import ACCURACY, RANK_TOL
-from problems.qp import Indices, Vector
-from problems.quiet import read_only
 from problems.sparse_minimum_norm import SAME_FORCE
-from solvers.active_set.compiled import kernel
+from solvers.active_set.compiled import in_rows, kernel, read_only
 from solvers.active_set.loop import WARM, algorithm_2
 from solvers.active_set.workspace import LANES, N_FLOAT_ROWS, N_INT_ROWS, X
-
-
-class LeastDistance(NamedTuple):
-    """Memory of a least-distance QP: A without its shape, d, lower, upper and row_id."""
-
-    A: Vector
-    d: Vector
-    lower: Vector
-    upper: Vector
-    row_id: Indices
-
-
-def least_distance_room(k: int, rows: int) -> tuple[LeastDistance, LeastDistance]:
-    """Memory for k multipliers with so many `rows` besides their bounds, and the same read only."""
-    most = 2 * k + rows
-    room = LeastDistance(
-        np.empty((k + 1) * most),
-        np.empty(k + 1),
-        np.zeros(most),
-        np.full(most, np.inf),
-        np.empty(most, dtype=np.int64),
-    )
-    return room, LeastDistance(*(read_only(array) for array in room))
 
 
 @kernel
@@ -96,47 +71,48 @@ def null_space(A):
 
 
 @kernel
-def least_distance(E, e, room, posed, mode):
+def least_distance(E, e, arena, mode):
     """z (l,) of least norm with E z ≥ e, E (p, l), whether there is one, and QPs solved for it.
 
-    room, posed : `LeastDistance`, to be written to and read only;  mode : see `algorithm_2`
+    arena : see `problems.arena`;  mode : see `algorithm_2`
     """
     p, l = E.shape
     z = np.zeros(l)
-    count, met = 0, True
+    acts, count, met = integers(arena, p), 0, True
     for row in range(p):
         if np.abs(E[row]).max() > RANK_TOL:
-            room.row_id[count] = row
+            acts[count] = row
             count += 1
             met &= e[row] <= 0.0
     if met:
         return z, True, 0
+    A, d = table(arena, l + 1, count), numbers(arena, l + 1)
+    lower, upper = numbers(arena, count), numbers(arena, count)
     for c in range(count):
-        row = room.row_id[c]
         for i in range(l):
-            room.A[i * count + c] = E[row, i]
-        room.A[l * count + c] = e[row]
-    room.d[:l], room.d[l] = 0.0, -1.0
+            A[i, c] = E[acts[c], i]
+        A[l, c] = e[acts[c]]
+        lower[c], upper[c] = 0.0, inf
+    d[:l], d[l] = 0.0, -1.0
     n = (max(l + 1, count) + LANES - 1) // LANES * LANES
-    S, I = np.empty((N_FLOAT_ROWS + 3 * n, n)), np.empty((N_INT_ROWS, n), dtype=np.int64)
+    S = table(arena, N_FLOAT_ROWS + 3 * n, n)
+    I = in_rows(integers(arena, N_INT_ROWS * n), N_INT_ROWS, n)
     algorithm_2(
-        posed.A[: (l + 1) * count].reshape(l + 1, count),
-        posed.d[: l + 1],
-        *(posed.lower[:count], posed.upper[:count], posed.row_id[:count]),
-        *(S, I, ACCURACY, mode & ~WARM),
+        *(read_only(A), read_only(d), read_only(lower), read_only(upper)),
+        *(read_only(acts[:count]), S, I, ACCURACY, mode & ~WARM),
     )
     last = -1.0
     for c in range(count):
         for i in range(l):
-            z[i] += room.A[i * count + c] * S[X, c]
-        last += room.A[l * count + c] * S[X, c]
+            z[i] += A[i, c] * S[X, c]
+        last += A[l, c] * S[X, c]
     for i in range(l):
         z[i] /= -last
     return z, last < -RANK_TOL, 1
 
 
 @kernel
-def least_norm(A, lower, upper, x, C, room, posed, mode):
+def least_norm(A, lower, upper, x, C, arena, mode):
     """λ (k,) of least norm with the A λ of x within the bounds and C λ ≥ 0, and QPs solved for it.
 
     C : (p, k), left out where it cannot be met;  the others: see `least_distance`
@@ -184,9 +160,9 @@ def least_norm(A, lower, upper, x, C, room, posed, mode):
                 for i in range(l):
                     E[bounds + r, i] += weight * basis[i, c]
     e /= size
-    z, found, solves = least_distance(E[:rows], e[:rows], room, posed, mode)
+    z, found, solves = least_distance(E[:rows], e[:rows], arena, mode)
     if not found and rows > bounds:
-        z, found, more = least_distance(E[:bounds], e[:bounds], room, posed, mode)
+        z, found, more = least_distance(E[:bounds], e[:bounds], arena, mode)
         solves += more
     if not found:
         return x, solves

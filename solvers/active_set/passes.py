@@ -11,6 +11,7 @@ from math import inf
 import numpy as np
 
 import problems.multistep as multistep
+from problems.arena import numbers, zeros
 from problems.contact_kernels import column_speeds, column_sum, dense_columns
 from problems.friction_kernels import (
     driven_forces,
@@ -21,46 +22,24 @@ from problems.friction_kernels import (
 )
 from problems.independence import SAFE_FRACTION, far_from_dependent
 from problems.multistep import FIRST_RATE
-from problems.qp import LARGEST, Indices, Vector
-from problems.quiet import read_only
+from problems.qp import LARGEST
 from problems.step_kernels import momentum, outcome, weighted_norm
-from solvers.active_set.compiled import kernel, lent
+from solvers.active_set.compiled import in_rows, kernel, lent, read_only
 from solvers.active_set.loop import SOLVED, WARM, algorithm_2
-from solvers.active_set.minimum_norm import LeastDistance, least_norm
+from solvers.active_set.minimum_norm import least_norm
 from solvers.active_set.workspace import COUNTS, STATUS, X
 
 iteration_error = kernel(multistep.iteration_error)
 
 
-def make_room(m: int, k: int, frictions: int) -> tuple[Vector, Vector, Indices, Indices]:
-    """Memory for passes of at most so many columns and frictions, as `room_for` divides it.
-
-    Numbers to be written to, and the same read only; row_id, and the same.
-    """
-    most = 2 * (k + frictions)
-    memory = np.empty(m * (k + 1) + 2 * k + (k + 1) * most + k + 1 + 2 * most)
-    ids = np.empty(k + most, dtype=np.int64)
-    return memory, read_only(memory), ids, read_only(ids)
-
-
 @kernel
-def room_for(memory, ids, m, k, rows):
-    """A (m, k), d (m,), lower and upper (k,), a `LeastDistance` with so many rows; row_id (k,)."""
-    most = 2 * k + rows
-    A, rest = memory[: m * k].reshape(m, k), memory[m * k :]
-    d, lower, upper, rest = rest[:m], rest[m : m + k], rest[m + k : m + 2 * k], rest[m + 2 * k :]
-    E, rest = rest[: (k + 1) * most], rest[(k + 1) * most :]
-    e, rest = rest[: k + 1], rest[k + 1 :]
-    least_distance = LeastDistance(E, e, rest[:most], rest[most : 2 * most], ids[k : k + most])
-    return (A, d, lower, upper, least_distance), ids[:k]
-
-
-@kernel
-def clear(qp):
-    """Make what `room_for` gives to be written to an A of zeros with the bounds of normals."""
-    A, _, lower, upper, norm_room = qp
-    A[:], lower[:], upper[:] = 0.0, 0.0, inf
-    norm_room.lower[:], norm_room.upper[:] = 0.0, inf
+def qp_room(arena, m, k):
+    """A (m, k) of zeros, d (m,), lower and upper (k,) of normals."""
+    A, d = in_rows(zeros(arena, m * k), m, k), numbers(arena, m)
+    lower, upper = zeros(arena, k), numbers(arena, k)
+    for c in range(k):
+        upper[c] = inf
+    return A, d, lower, upper
 
 
 @kernel
@@ -91,9 +70,9 @@ def friction_passes(
     alpha0,
     stop,
     qp,
-    posed,
     room,
     found,
+    arena,
 ):
     """q̇ and λ by (4.5), (4.6).  How many passes settled, `mode` for the next QP, QPs solved.
 
@@ -104,30 +83,36 @@ def friction_passes(
     lam_star : (N,) of the first pass
     stop : passes at most; the change of ‖q̇‖_M that another may make; ε₀ of a QP; whether it is the
         next pass that counts, and not all further ones by (3.14)
-    qp, posed : the same A, which is there, d, lower and upper, to be written to and read only, and
-        behind them the `LeastDistance`
+    qp : A, and room for d, lower and upper, see `qp_room`
     room : S, I, eps0 and mode, see `algorithm_2`
     found : v, a, lam_N, lam_F and bound, written to
+    arena : see `problems.arena`
     """
     # tuples are lent, and arrays handed on one by one: else it is counted each time who holds them
     frictions, (entries, pairs), (g_F, rubbing) = lent(frictions), lent(layout), lent(tangents)
     signs, sticking = frictions.signs, frictions.sticking
     friction_of, mu = frictions.friction_of, frictions.mu
-    A, d, lower, upper, norm_room = lent(qp)
-    A_posed, d_posed, lower_posed, upper_posed, norm_posed = lent(posed)
+    A, d, lower, upper = lent(qp)
     S, I, eps0, mode = lent(room)
     v, a, lam_N, lam_F, bound = lent(found)
+    forces, lam_star, arena = lent(forces), lent(lam_star), lent(arena)
     most, tolerance, rounding, next_only = stop
     m, k, N, F = D.size, frictions.row.size, lam_N.size, lam_F.size
-    inverse_mass = 1 / D**2
-    force, change_before, solves = forces, inf, 0
-    redundant = F > 0 and not far_from_dependent(A, SAFE_FRACTION)
+    inverse_mass, force = numbers(arena, m), numbers(arena, m)
+    for i in range(m):
+        inverse_mass[i], force[i] = 1 / D[i] ** 2, forces[i]
+    change_before, solves = inf, 0
+    redundant = F > 0 and not far_from_dependent(A, SAFE_FRACTION, arena)
     C = cones(frictions) if redundant and most > 1 else np.zeros((0, k))
+    used, used_integers = arena.used[0], arena.used[1]
     for number in range(1, most + 1):
+        arena.used[0], arena.used[1] = used, used_integers
         if F > 0:
-            bound[:] = friction_bounds(friction_of, mu, lam_star)
-            lam_F[:] = driven_forces(signs, bound)
-            force = forces + column_sum(g_F, rubbing, lam_F, m)
+            bound[:] = friction_bounds(friction_of, mu, lam_star, arena)
+            lam_F[:] = driven_forces(signs, bound, arena)
+            driven = column_sum(g_F, rubbing, lam_F, m, arena)
+            for i in range(m):
+                force[i] = forces[i] + driven[i]
             for j in range(sticking.size):
                 c = frictions.sticking_column[j]
                 lower[c], upper[c] = -bound[sticking[j]], bound[sticking[j]]
@@ -135,7 +120,8 @@ def friction_passes(
             return 0, mode, solves
         if k > 0:  # (3.2), (4.6)
             algorithm_2(
-                A_posed, d_posed, lower_posed, upper_posed, frictions.row_id, S, I, eps0, mode
+                *(read_only(A), read_only(d), read_only(lower), read_only(upper)),
+                *(frictions.row_id, S, I, eps0, mode),
             )
             mode |= WARM
             solves += 1
@@ -144,7 +130,7 @@ def friction_passes(
         x = S[X, :k]
         outcome(entries, pairs, x, b, d, D, h, alpha0, v, a)
         if redundant:
-            x, more = least_norm(A, lower, upper, x, C, norm_room, norm_posed, mode)
+            x, more = least_norm(A, lower, upper, x, C, arena, mode)
             solves += more
         for j in range(N):
             lam_N[j] = x[frictions.normal_column[j]]
@@ -152,8 +138,11 @@ def friction_passes(
             lam_F[sticking[j]] = x[frictions.sticking_column[j]]
         if most == 1:
             return number, mode, solves
-        moved = force_change(signs, lam_F, bound, friction_bounds(friction_of, mu, lam_N))
-        off = column_sum(g_F, rubbing, moved, m) * inverse_mass
+        new_bound = friction_bounds(friction_of, mu, lam_N, arena)
+        moved = force_change(signs, lam_F, bound, new_bound, arena)
+        off = column_sum(g_F, rubbing, moved, m, arena)
+        for i in range(m):
+            off[i] *= inverse_mass[i]
         change = h / alpha0 * weighted_norm(D, off)
         rate = change / change_before if number > 1 and change_before > 0.0 else FIRST_RATE
         if next_only:
@@ -163,7 +152,8 @@ def friction_passes(
         if left <= tolerance:
             return number, mode, solves
         change_before = change
-        sigma = forced_signs(signs, lam_F, bound, column_speeds(g_F, rubbing, v))
+        slip = column_speeds(g_F, rubbing, v, arena)
+        sigma = forced_signs(signs, lam_F, bound, slip, arena)
         lam_star = small_newton_multipliers(
             columns,
             tangents,
@@ -190,10 +180,7 @@ def impulse_passes(
     tangents,
     most,
     tolerance,
-    memory,
-    posed,
-    ids,
-    posed_ids,
+    arena,
     S,
     I,
     accuracy,
@@ -201,20 +188,16 @@ def impulse_passes(
 ):
     """Whether a collision settled; q̇₊ (m,), Λ_N (N,), Λ_F (F,) and the QPs solved.
 
-    v, F : q̇₋ and the external impulse (m,);  memory, posed, ids, posed_ids : see `make_room`
-    the others: see `friction_passes`
+    v, F : q̇₋ and the external impulse (m,);  the others: see `friction_passes`
     """
     count, m = columns[1].shape[0], D.size
     after, a, lam_N = np.empty(m), np.empty(m), np.zeros(count)
     lam_F, bound = np.zeros(frictions.mu.size), np.zeros(frictions.mu.size)
-    k, rows = frictions.row.size, 2 * frictions.sticking.size
-    qp, _ = room_for(memory, ids, m, k, rows)
-    qp_posed, _ = room_for(posed, posed_ids, m, k, rows)
-    clear(qp)
+    qp = qp_room(arena, m, frictions.row.size)
     dense_columns(*layout, D, qp[0])
     passes, _, solves = friction_passes(
         *(frictions, D, F, columns, layout, tangents, np.full(count, inf), v, 1.0, 1.0),
-        *((most, tolerance, accuracy, True), qp, qp_posed, (S, I, accuracy, mode)),
-        (after, a, lam_N, lam_F, bound),
+        *((most, tolerance, accuracy, True), qp, (S, I, accuracy, mode)),
+        *((after, a, lam_N, lam_F, bound), arena),
     )
     return passes > 0, after, lam_N, lam_F, solves

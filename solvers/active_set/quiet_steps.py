@@ -15,6 +15,7 @@ import numpy as np
 
 import problems.multistep as multistep
 from problems.active_kernels import Frictions, qp_columns, without
+from problems.arena import numbers, table, zeros
 from problems.contact_kernels import (
     clearances,
     column_speeds,
@@ -83,8 +84,8 @@ from problems.step_kernels import (
     ways,
     weighted_norm,
 )
-from solvers.active_set.compiled import kernel, lent
-from solvers.active_set.passes import clear, friction_passes, room_for
+from solvers.active_set.compiled import kernel, lent, read_only
+from solvers.active_set.passes import friction_passes, qp_room
 
 second_order_bdf = kernel(multistep.second_order_bdf)
 first_order_step = kernel(multistep.first_order_step)
@@ -150,14 +151,20 @@ def first_guess(run, contacts, g_N, bodies, now, h, w):
     g_N, bodies : (N, 6), (N, 2) at the end of the step;  now : φ (N,) at its start
     w : h_n/h_{n−1}
     """
-    known, shapes, state = run.counts[KNOWN], run.shapes, run.state
+    known, shapes, state, arena = run.counts[KNOWN], run.shapes, run.state, run.arena
     if known > 0:
-        return extrapolated_multipliers(contacts.lam, contacts.lam_before, known, w)
+        return extrapolated_multipliers(contacts.lam, contacts.lam_before, known, w, arena)
     if not contacts.signs.any():
         return np.full(contacts.lam.size, inf)
-    inverse_mass = 1 / run.D**2
-    free = path_end(state[Q], state[V], 0.5 * inverse_mass * run.forces, h)
-    points, centres, cosine, sine = place_corners(free, shapes.corner_body, shapes.corner_local)
+    m = run.D.size
+    inverse_mass, fall, free = numbers(arena, m), numbers(arena, m), numbers(arena, m)
+    for i in range(m):
+        inverse_mass[i] = 1 / run.D[i] ** 2
+        fall[i] = 0.5 * inverse_mass[i] * run.forces[i]
+    path_end(state[Q], state[V], fall, h, free)
+    points, centres, cosine, sine = place_corners(
+        free, shapes.corner_body, shapes.corner_local, arena
+    )
     then = contact_columns(
         points,
         centres,
@@ -170,8 +177,9 @@ def first_guess(run, contacts, g_N, bodies, now, h, w):
         shapes.edge_offset,
         shapes.edge_start,
         shapes.edge_length,
+        arena,
     )[0]
-    return spring_loads(now, then, compliances(g_N, bodies, inverse_mass), h)
+    return spring_loads(now, then, compliances(g_N, bodies, inverse_mass, arena), h, arena)
 
 
 @kernel
@@ -217,24 +225,26 @@ def let_go(run, contacts, pose, clearance, speed, leaving):
 @kernel
 def let_slip(run, contacts, leaving, slip):
     """Sticking contacts at their bound that slip, (F,) g_Fᵀq̇, faster than ε become sliding ones."""
-    stays = np.zeros(slip.size, np.bool_)
-    for i in range(leaving.size):
-        if contacts.friction_of[i] >= 0 and not leaving[i]:
-            stays[contacts.friction_of[i]] = True
     for j in range(slip.size):
         slides = run.at_bound[j] and abs(slip[j]) > run.reals[EPS]
-        if stays[j] and slides and contacts.signs[j] == 0.0:
+        if not slides or contacts.signs[j] != 0.0:
+            continue
+        stays = False
+        for i in range(leaving.size):
+            stays |= contacts.friction_of[i] == j and not leaving[i]
+        if stays:
             contacts.signs[j] = -np.sign(slip[j])
             note_change(run, contacts.friction_ids[j], contacts.signs[j])
 
 
 @kernel
-def steady_steps(run, contacts, frictions, leaving, written, posed, S, I, eps0, mode):
+def steady_steps(run, contacts, frictions, leaving, S, I, eps0, mode):
     """Take steps with the same contacts; `mode` for the next QP.
 
     frictions : the columns of `contacts`;  leaving : zeros (N,), to be told which contacts separate
-    written, posed : room for A, d, the bounds and a `LeastDistance`; the same memory, read only
     """
+    run, contacts, frictions, leaving = lent(run), lent(contacts), lent(frictions), lent(leaving)
+    S, I, arena = lent(S), lent(I), lent(run.arena)
     shapes, D, state, reals, counts = run.shapes, run.D, run.state, run.reals, run.counts
     place, lam, lam_before, signs = (
         contacts.place,
@@ -247,23 +257,40 @@ def steady_steps(run, contacts, frictions, leaving, written, posed, S, I, eps0, 
     corner_body, corner_local, radius = shapes.corner_body, shapes.corner_local, shapes.radius
     part_body, normal, offset = shapes.part_body, shapes.edge_normal, shapes.edge_offset
     start, extent = shapes.edge_start, shapes.edge_length
-    A_written = written[0]
     m, k, N, F = D.size, frictions.row.size, place.shape[0], signs.size
-    phis = np.empty((MAX_HALVINGS + 2, offset.shape[1]))
-    right, left = np.empty(MAX_HALVINGS + 2), np.empty(offset.shape[1])
-    q, v, a = np.empty(m), np.empty(m), np.empty(m)
-    b, bend = np.empty(m), np.zeros(m)
-    lam_N, lam_F, bound = np.zeros(N), np.zeros(F), np.zeros(F)
-    slides, inverse_mass = signs.any(), 1 / D**2
+    qp = qp_room(arena, m, k)
+    phis, left = table(arena, MAX_HALVINGS + 2, offset.shape[1]), numbers(arena, offset.shape[1])
+    right, inverse_mass = numbers(arena, MAX_HALVINGS + 2), numbers(arena, m)
+    q, v, a = numbers(arena, m), numbers(arena, m), numbers(arena, m)
+    b, bend, slip = numbers(arena, m), numbers(arena, m), numbers(arena, F)
+    lam_N, lam_F, bound = zeros(arena, N), zeros(arena, F), zeros(arena, F)
+    before, phi_before = numbers(arena, corner.size), numbers(arena, N)
+    slides, rubs = signs.any(), np.ones(F, np.bool_)
+    for i in range(m):
+        inverse_mass[i] = 1 / D[i] ** 2
+    used, used_integers = arena.used[0], arena.used[1]
     # arrays are handed on one by one: to put them into a tuple first is to count who holds them
-    points, centres, cosine, sine = place_corners(state[Q], corner_body, corner_local)
-    before = clearances(points, centres, cosine, sine, corner, part, part_body, normal, offset)
-    phi_before, _, g_F, bodies, _, _, _, _ = contact_columns(
-        points, centres, cosine, sine, place, corner_body, part_body, normal, offset, start, extent
+    points, centres, cosine, sine = place_corners(state[Q], corner_body, corner_local, arena)
+    before[:] = clearances(
+        points, centres, cosine, sine, corner, part, part_body, normal, offset, arena
     )
-    rubs = np.ones(F, np.bool_)
-    tangent, rubbing = gather_columns(g_F, g_F, bodies, frictions.first, rubs)
-    slip = column_speeds(tangent, rubbing, state[V])
+    phi, g_N, g_F, bodies, _, _, _, _ = contact_columns(
+        points,
+        centres,
+        cosine,
+        sine,
+        place,
+        corner_body,
+        part_body,
+        normal,
+        offset,
+        start,
+        extent,
+        arena,
+    )
+    phi_before[:] = phi
+    tangent, rubbing = gather_columns(g_N, g_F, bodies, frictions.first, rubs, arena)
+    slip[:] = column_speeds(tangent, rubbing, state[V], arena)
     for j in range(F):
         if signs[j] * slip[j] > 0.0:
             counts[ENDED] = EVENT
@@ -272,6 +299,7 @@ def steady_steps(run, contacts, frictions, leaving, written, posed, S, I, eps0, 
     cut, located, changes = inf, 0, counts[CHANGES]
     while counts[TAKEN] < gaps.size:
         counts[ENDED] = EVENT
+        arena.used[0], arena.used[1] = used, used_integers
         steps = counts[STEPS]
         order = 1 if steps < 2 else counts[HIGHEST]
         wish = min(step_length(state, reals, steps, order, D), longest)
@@ -290,9 +318,11 @@ def steady_steps(run, contacts, frictions, leaving, written, posed, S, I, eps0, 
             if counts[TAKEN] > 0:
                 counts[ENDED] = AGAIN
             return mode
-        points, centres, cosine, sine = place_corners(q, corner_body, corner_local)
-        after = clearances(points, centres, cosine, sine, corner, part, part_body, normal, offset)
-        way = ways(state[V], bend, h, radius)
+        points, centres, cosine, sine = place_corners(q, corner_body, corner_local, arena)
+        after = clearances(
+            points, centres, cosine, sine, corner, part, part_body, normal, offset, arena
+        )
+        way = ways(state[V], bend, h, radius, arena)
         for i in range(corner.size):
             c, p = corner[i], part[i]
             one, two = corner_body[c], part_body[p]
@@ -328,18 +358,21 @@ def steady_steps(run, contacts, frictions, leaving, written, posed, S, I, eps0, 
             offset,
             start,
             extent,
+            arena,
         )
         for j in range(N):
             if beyond_edge(along[j], length[j]):
                 return mode
         entries, pairs, lam_star = g_N, bodies, lam_N
         if F > 0:
-            tangent, rubbing = gather_columns(g_N, g_F, bodies, frictions.first, rubs)
+            tangent, rubbing = gather_columns(g_N, g_F, bodies, frictions.first, rubs, arena)
             lam_star = first_guess(run, contacts, g_N, bodies, phi_before, h, w)
         if k > N:
-            entries, pairs = gather_columns(g_N, g_F, bodies, frictions.row, frictions.tangential)
+            entries, pairs = gather_columns(
+                g_N, g_F, bodies, frictions.row, frictions.tangential, arena
+            )
         if k > 0:
-            dense_columns(entries, pairs, D, A_written)
+            dense_columns(entries, pairs, D, qp[0])
         passes, mode, solves = friction_passes(
             frictions,
             D,
@@ -352,17 +385,17 @@ def steady_steps(run, contacts, frictions, leaving, written, posed, S, I, eps0, 
             h,
             alpha0,
             (counts[MOST_PASSES], 0.1 * reals[EPS], run.eps0, False),
-            written,
-            posed,
+            qp,
             (S, I, eps0, mode),
             (v, a, lam_N, lam_F, bound),
+            arena,
         )
         counts[SOLVES] += solves
         if passes == 0:
             return mode
         if slides:
             gains = own_gains(
-                g_N, g_F, bodies, inverse_mass, frictions.friction_of, signs, frictions.mu
+                g_N, g_F, bodies, inverse_mass, frictions.friction_of, signs, frictions.mu, arena
             )
             if gains.max() >= 1.0:
                 return mode
@@ -371,8 +404,8 @@ def steady_steps(run, contacts, frictions, leaving, written, posed, S, I, eps0, 
             longest, redone, rejected = shorter, redone + 1, rejected + 1
             continue
         if F > 0:
-            new_slip = column_speeds(tangent, rubbing, v)
-            lengths = stopping_lengths(signs, slip, new_slip, h, reals[EPS])
+            new_slip = column_speeds(tangent, rubbing, v, arena)
+            lengths = stopping_lengths(signs, slip, new_slip, h, reals[EPS], arena)
             stop = lengths.min()
             if stop < SHORTEST_STEP or (stop < inf and not counts[CUTS]):
                 return mode
@@ -381,9 +414,9 @@ def steady_steps(run, contacts, frictions, leaving, written, posed, S, I, eps0, 
                 cut = stop if located < STOP_TRIALS else min(stop, h / 2)
                 rejected += 1
                 continue
-            slip = new_slip
-            sigma = forced_signs(signs, lam_F, bound, slip)
+            sigma = forced_signs(signs, lam_F, bound, new_slip, arena)
             for j in range(F):
+                slip[j] = new_slip[j]
                 run.at_bound[j], run.stopped[j] = sigma[j] != 0.0, lengths[j] <= h
         # accepted
         counts[ENDED] = LOOK
@@ -394,7 +427,8 @@ def steady_steps(run, contacts, frictions, leaving, written, posed, S, I, eps0, 
         cut, located = inf, 0
         go_on(state, q, v, a)
         sink_levels(after, free, level)
-        before, phi_before = after, phi
+        for i in range(corner.size):
+            before[i] = after[i]
         reals[TIME] += h
         reals[H], reals[WISH] = h, wish
         n = counts[TAKEN]
@@ -408,15 +442,19 @@ def steady_steps(run, contacts, frictions, leaving, written, posed, S, I, eps0, 
         for j in range(N):
             lam_before[j], lam[j] = lam[j], lam_N[j]
             multipliers[n, j] = lam_N[j]
+            phi_before[j] = phi[j]
             gaps[n] = min(gaps[n], phi[j])
         for j in range(F):
             multipliers[n, N + j] = lam_F[j]
         if run.stopped[:F].any() or passes > QUIET_PASSES:
             return mode
-        speed = column_speeds(g_N, bodies, v)
-        if fastest_body(D, v) <= reals[REST_SPEED] or (speed < -APPROACHING * reals[EPS]).any():
+        speed = column_speeds(g_N, bodies, v, arena)
+        slowest, fastest = 0.0, 0.0
+        for j in range(N):
+            slowest, fastest = min(slowest, speed[j]), max(fastest, speed[j])
+        if fastest_body(D, v) <= reals[REST_SPEED] or slowest < -APPROACHING * reals[EPS]:
             return mode
-        if (speed > reals[DROP_TOL]).any():
+        if fastest > reals[DROP_TOL]:
             pose = points, centres, cosine, sine
             if not let_go(run, contacts, pose, after, speed, leaving):
                 return mode
@@ -429,29 +467,23 @@ def steady_steps(run, contacts, frictions, leaving, written, posed, S, I, eps0, 
 
 
 @kernel
-def quiet_steps(run, memory, posed, ids, posed_ids, S, I, eps0, mode):
+def quiet_steps(run, S, I, eps0, mode):
     """Take steps until something happens or `track` is full; `counts[TAKEN]` of them.
 
-    run : `problems.quiet.QuietSteps`, whose arrays are updated
-    memory, posed, ids, posed_ids : see `make_room`
-    S, I, eps0, mode : see `algorithm_2`
+    run : `problems.quiet.QuietSteps`, whose arrays are updated;  S, I, eps0, mode : see
+        `algorithm_2`
     """
-    run, S, I = lent(run), lent(S), lent(I)
-    memory, posed, ids, posed_ids = lent(memory), lent(posed), lent(ids), lent(posed_ids)
-    contacts, m = run.contacts, run.D.size
+    run = lent(run)
+    contacts = run.contacts
     while True:
+        run.arena.used[0], run.arena.used[1] = 0, 0
         columns = qp_columns(
             contacts.normal_ids, contacts.friction_ids, contacts.first, contacts.signs
         )
-        k, rows = columns[0].size, 2 * columns[4].size
-        qp, row_id = room_for(memory, ids, m, k, rows)
-        qp_posed, row_id_posed = room_for(posed, posed_ids, m, k, rows)
-        clear(qp)
-        row_id[:] = columns[0]
         rubs = contacts.friction_of, contacts.first, contacts.mu, contacts.signs
-        frictions = Frictions(*rubs, row_id_posed, *columns[1:])
+        frictions = Frictions(*rubs, read_only(columns[0]), *columns[1:])
         leaving = np.zeros(contacts.place.shape[0], np.bool_)
-        mode = steady_steps(run, contacts, frictions, leaving, qp, qp_posed, S, I, eps0, mode)
+        mode = steady_steps(run, contacts, frictions, leaving, S, I, eps0, mode)
         if run.counts[ENDED] != CHANGED:
             break
         if leaving.any():
