@@ -71,7 +71,7 @@ def solvers_table(described: Sequence[SolverInfo]) -> Table:
 def print_recording(console: Console, recording: Recording, path: str) -> None:
     """What a recording holds."""
     from harness.cost_model import criterion_of
-    from harness.facts import UNKNOWN, facts_of
+    from harness.facts import UNKNOWN, rank_of
 
     qps = recording.qps
     kinds = ", ".join(
@@ -79,9 +79,8 @@ def print_recording(console: Console, recording: Recording, path: str) -> None:
         for kind in KINDS
         if any(qp.kind == kind for qp in qps)
     )
-    facts = [facts_of(qp) for qp in qps]
-    ranked = [f for f in facts if f.rank != UNKNOWN]
-    deficient = sum(f.rank < f.qp.k for f in ranked)
+    ranked = [(rank, qp.k) for qp in qps if (rank := rank_of(qp)) != UNKNOWN]
+    deficient = sum(rank < k for rank, k in ranked)
     criterion = criterion_of(recording)
     events: dict[str, int] = {}
     for event in recording.events:

@@ -6,7 +6,8 @@ can change nothing (A A⁺ d is rounding of d), the scale is ‖d‖, and 1 if t
 
 Up to `DENSE_COLUMNS` columns all of it comes from singular value decompositions.  Beyond, A is kept
 sparse and the scale comes from sparse factors (`harness.span`).  The rank still takes singular
-values; beyond `RANK_COLUMNS` columns, where they would take many seconds, it is not determined.
+values where sparse factors do not show it to be full; beyond `RANK_COLUMNS` columns, where they
+would take many seconds, it is not determined.
 """
 
 from __future__ import annotations
@@ -118,6 +119,15 @@ def facts_of(qp: ContactQP) -> Facts:
     return _dense_facts(qp) if qp.k <= DENSE_COLUMNS else _sparse_facts(qp)
 
 
+def rank_of(qp: ContactQP) -> int:
+    """Singular values of A above `RANK_TOL` of the largest, or `UNKNOWN` of many columns."""
+    if qp.k > RANK_COLUMNS:
+        return UNKNOWN
+    if qp.k > DENSE_COLUMNS and surely_independent(sp.csc_array(qp.A)):
+        return qp.k
+    return _rank(np.linalg.svd(qp.dense_A, compute_uv=False))
+
+
 def _dense_facts(qp: ContactQP) -> Facts:
     A = qp.dense_A
     norms = np.linalg.norm(A, axis=0)
@@ -126,7 +136,7 @@ def _dense_facts(qp: ContactQP) -> Facts:
     basis, sigma, _ = np.linalg.svd(unit_columns, full_matrices=False)
     return Facts(
         qp=qp,
-        rank=_rank(np.linalg.svd(A, compute_uv=False)),
+        rank=rank_of(qp),
         scale=_scale(qp, float(np.linalg.norm(basis[:, : _rank(sigma)].T @ qp.d))),
         A=A.astype(np.longdouble),
         d=qp.d.astype(np.longdouble),
@@ -146,10 +156,9 @@ def _sparse_facts(qp: ContactQP) -> Facts:
     moved = np.zeros(qp.m)
     for _ in range(span.passes):
         moved += span.correction(unit_columns.T @ (qp.d - moved))
-    few = qp.k <= RANK_COLUMNS
     return Facts(
         qp=qp,
-        rank=_rank(np.linalg.svd(A.toarray(), compute_uv=False)) if few else UNKNOWN,
+        rank=rank_of(qp),
         scale=_scale(qp, float(np.linalg.norm(moved))),
         A=A.astype(np.longdouble),
         d=qp.d.astype(np.longdouble),

@@ -60,4 +60,6 @@ def info(
                 raise ValueError(f"{path}: holds no results; give a folder of 'glambda replay'")
             console.print(replay_table(rows))
         else:
-            print_recording(console, read_recording(path), str(path))
+            with terminal(err=True).status(f"reading {path.name}"):
+                recording = read_recording(path)
+            print_recording(console, recording, str(path))
