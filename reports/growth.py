@@ -50,11 +50,22 @@ LARGE = 450
 WANTED = {"tower": 10.0}
 WANTED_ELSE = 3.0
 """Times faster than the best other backend."""
-LOOKS = (
-    *((VERMILLION, "o"), (BLUE, "s"), (GREEN, "^"), (ORANGE, "D"), (PURPLE, "v"), (SKY, "P")),
-    *((INK, "X"), (YELLOW, "p"), (SOFT, "<"), (BLUE, ">"), (GREEN, "*"), (ORANGE, "h")),
-)
-"""Colour and marker by the solver's place in the plan; no two are the same."""
+LOOKS = {
+    OURS: (VERMILLION, "o"),
+    "clarabel": (BLUE, "s"),
+    "daqp": (GREEN, "^"),
+    "highs": (ORANGE, "D"),
+    "osqp": (PURPLE, "v"),
+    "piqp": (SKY, "P"),
+    "proxqp": (INK, "X"),
+    "quadprog": (YELLOW, "p"),
+    "scipy_bvls": (SOFT, "<"),
+    "scs": (BLUE, ">"),
+    "pgs": (GREEN, "*"),
+}
+"""Colour and marker of a backend, on every page …"""
+OTHER_LOOKS = ((ORANGE, "h"), (PURPLE, "d"), (SKY, "H"), (SOFT, "8"))
+"""… and of others, by their place in the plan."""
 
 
 def duration(seconds: Any) -> str:
@@ -228,7 +239,11 @@ def plot_growth(points: pd.DataFrame, path: str | Path) -> Path:
     """Time per QP against k, one panel per family, both axes logarithmic."""
     families = families_of(points)
     solvers = list(dict.fromkeys(points["solver"]))
-    looks = {solver: LOOKS[place % len(LOOKS)] for place, solver in enumerate(solvers)}
+    others = [solver for solver in solvers if solver not in LOOKS]
+    looks = {
+        solver: LOOKS.get(solver) or OTHER_LOOKS[others.index(solver) % len(OTHER_LOOKS)]
+        for solver in solvers
+    }
     with drawing() as Figure:
         rows = -(-len(families) // 2)
         figure = Figure(figsize=(PAGE_WIDTH, 3.4 * rows + 0.6), layout="constrained")
