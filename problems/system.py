@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import asdict
 
@@ -49,6 +49,7 @@ class System:
         self._jumps = sorted({time for force in forces for time in force.jumps})
         self._constant: dict[int, Vector] = {}
         self._impulses = sorted(scene.impulses, key=lambda impulse: (impulse.t, impulse.body))
+        self._times = sorted({*self._jumps, *(impulse.t for impulse in self._impulses)})
         self.equations = VelocityEquations(
             D=self.D,
             forces=self.force,
@@ -102,9 +103,8 @@ class System:
         )
 
     def scheduled(self) -> list[float]:
-        """Times ahead at which a force jumps or an external impulse acts."""
-        times = [*self._jumps, *(impulse.t for impulse in self._impulses)]
-        return [time for time in times if time > self.t + SHORTEST_STEP]
+        """Times ahead at which a force jumps or an external impulse acts, in order."""
+        return self._times[bisect_right(self._times, self.t + SHORTEST_STEP) :]
 
     def _external_impulse(self, t: float) -> Vector:
         F = np.zeros_like(self.q)
