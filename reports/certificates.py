@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
 AT_MOST = 100
 """QPs of a recording that are asked about."""
-TICKS = (1, 2, 5, 10, 20, 50, 100, 1_000, 10_000, 100_000, 1_000_000)
+TICKS = (1, 2, 5, 10, 20, 50, 100)
+"""Where no bound is larger; else decades."""
 LINES = (BLUE, ORANGE, GREEN, PURPLE, INK)
 STYLES = ("-", "--", ":")
 """Of recordings beyond the first five, whose colours are used again."""
@@ -194,9 +195,11 @@ def _by_decades(axes: Axes, found: pd.DataFrame) -> None:
     axes.set_xlim(ROUNDING, 10 * x.max())
     axes.set_xlabel("true error / scale")
     axes.set_ylabel("error bound / true error")
-    ticks = [tick for tick in TICKS if tick <= max(2.0, 1.2 * part["sharp"].max())]
-    axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
-    axes.minorticks_off()
+    most = max(2.0, 1.2 * part["sharp"].max())
+    if most <= TICKS[-1]:
+        ticks = [tick for tick in TICKS if tick <= most]
+        axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+        axes.minorticks_off()
     axes.set_title("By size of the error")
     _legend_below(axes)
 
