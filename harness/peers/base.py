@@ -70,6 +70,10 @@ class Peer(ABC):
     def __init__(self, scene: Scene, resolution: float, **options: Any):
         """Build `scene`."""
 
+    @classmethod  # noqa: B027  most engines need nothing
+    def prepare(cls) -> None:
+        """What a machine needs once, before anything is timed or limited."""
+
     @abstractmethod
     def run(self, times: Sequence[float]) -> Motion:
         """Move on from t = 0, once; the states at ascending times [s]."""
