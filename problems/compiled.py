@@ -2,7 +2,7 @@
 
 numba's own cache looks at one file only, so that an edit in another kernel would go unnoticed.  The
 cache folder is therefore named by a hash of all kernel sources that may call each other and of the
-flags.  The first call on a machine compiles for up to a minute, and says so.
+flags.  The first call on a machine compiles for up to two minutes, and says so.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def cache_folder(sources: Sequence[Path]) -> Path:
         folder = Path(tempfile.gettempdir()) / f"glambda-kernels-{key.hexdigest()[:16]}"
         folder.mkdir(parents=True, exist_ok=True)
     if not any(folder.iterdir()):
-        print("glambda: compiling kernels, once, up to a minute …", file=sys.stderr)
+        print("glambda: compiling kernels, once, up to two minutes …", file=sys.stderr)
     return folder
 
 

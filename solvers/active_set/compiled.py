@@ -1,6 +1,6 @@
 """How the method's kernels are compiled: as those of `problems.compiled`, which they may call.
 
-The first call on a machine compiles for up to a minute, and says so.
+The first call on a machine compiles for up to two minutes, and says so.
 """
 
 from __future__ import annotations
