@@ -34,6 +34,11 @@ class Arena(NamedTuple):
         numbers, integers = np.empty(PER_ENTRY * size), np.empty(PER_ENTRY * size, np.int64)
         return cls(numbers, integers, np.zeros(2, np.int64))
 
+    @property
+    def size(self) -> int:
+        """What it was made for."""
+        return self.numbers.size // PER_ENTRY
+
 
 @kernel
 def own_numbers(n):

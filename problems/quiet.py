@@ -169,7 +169,7 @@ class Quiet:
         self._state, self._counts = np.zeros((5, m)), np.zeros(ENTRIES, dtype=np.int64)
         self._track, self._gaps = np.empty((MOST, 1 + 2 * m)), np.empty(MOST)
         self._multipliers = np.empty(0)
-        self._arena, self._arena_size = Arena.of(0), 0
+        self._arena = Arena.of(0)
         self._reals = np.array(
             [
                 *(0.0, 0.0, 0.0, options.eps, options.drop_tol, options.h_max),
@@ -233,8 +233,8 @@ class Quiet:
         if self._multipliers.size < MOST * rows:
             self._multipliers = np.empty(2 * MOST * rows)
         size = state.size + near.corner.size + rows + stepper.shapes.corner_body.size
-        if self._arena_size < size:
-            self._arena, self._arena_size = Arena.of(2 * size), 2 * size
+        if self._arena.size < size:
+            self._arena = Arena.of(2 * size)
         return QuietSteps(
             shapes=stepper.shapes,
             D=stepper.D,

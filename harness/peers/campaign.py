@@ -100,7 +100,6 @@ def run_campaign(
     done: list[tuple[Run, Outcome]] = []
     with sole_writer(folder, "runs"):
         for engine, runs in wanted.items():
-            engine_class(engine).prepare()
             with Worker(engine) as worker:
                 for run in runs:
                     if progress is not None:

@@ -70,6 +70,7 @@ class Worker:
         return {"status": "timeout", "reason": f"{what} took more than {most:g} s"}
 
     def _start(self) -> Connection:
+        engine_class(self.engine).prepare()
         context = mp.get_context("spawn")
         self._link, theirs = context.Pipe()
         arguments = (theirs, self.engine, self._words)
