@@ -63,6 +63,10 @@ class Assembly:
         """(corner, part, edge) of each normal."""
         return [(c, p, e) for c, p, e in self.place.tolist()]
 
+    def columns_at(self, q: Vector) -> Columns:
+        """The columns of the same constraints at another position q (3n,)."""
+        return self.geometry.columns_at(self.geometry.pose(q), self.place)
+
     # --- products with G -------------------------------------------------------------------------
 
     def gap_speed(self, v: Vector) -> Vector:

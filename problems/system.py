@@ -12,7 +12,7 @@ from problems.assembly import Assembly
 from problems.bodies import mass_diagonal
 from problems.constraint_graph import ConstraintGraph, Contact, Normal
 from problems.contacts import Geometry, Pose
-from problems.drift import correction
+from problems.drift import closing_motion
 from problems.forces import Force
 from problems.gain import GainWatch
 from problems.multistep import SHORTEST_STEP, History
@@ -157,9 +157,9 @@ class System:
         assembly = step.assembly
         loaded = np.flatnonzero(step.lam_N > 0)
         sticking = np.flatnonzero([friction.sign == 0 for friction in assembly.frictions])
-        wanted = np.concatenate([-assembly.columns.phi[loaded], np.zeros(sticking.size)])
         A = assembly.scaled(loaded, sticking, self.D)
-        self.q, self._last = self.q + correction(A, self.D, wanted), None
+        u = closing_motion(assembly, A, self.D, np.arange(loaded.size), loaded)
+        self.q, self._last = self.q + u, None
         return Assembly(self.graph, self.q).columns.phi
 
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from problems.assembly import Assembly, scaled_matrix
 from problems.coulomb_lcp import coulomb_multipliers
-from problems.drift import correction
+from problems.drift import closing_motion
 from problems.friction import (
     FrictionRule,
     coulomb_rows,
@@ -217,9 +217,9 @@ class VelocityEquations:
 
     def _lean(self, A: Matrix, assembly: Assembly, layout: Layout) -> Vector:
         """u/τ (3n,): the velocity that closes the gaps of active contacts within τ."""
-        wanted = np.zeros(layout.k)
-        wanted[layout.normal_column] = -assembly.columns.phi
-        return correction(A, self.D, wanted) / self.drift_time
+        every = np.arange(len(assembly.normals))
+        u = closing_motion(assembly, A, self.D, layout.normal_column, every)
+        return u / self.drift_time
 
     def _first_guess(
         self,
