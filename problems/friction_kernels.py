@@ -10,6 +10,8 @@ from problems.contact_kernels import column_product, column_sum, columns_product
 
 AT_BOUND = 1e-9
 """Relative distance from its bound at which a friction force is at it."""
+NO_SLIP = 1e-9
+"""Fraction of the fastest slip up to which one is rounding, without a direction."""
 SPRING = 2.0
 """k = SPRING · m_eff/h² in (4.4) is the rigid force of a single contact; d = 0, for g_Nᵀq̇ ≈ 0."""
 QUIET_PASSES = 3
@@ -54,14 +56,22 @@ def forced_signs(signs, lam_F, bound, slip, arena=None):
     """σ (F,): the sign of a friction force that is proportional to λ_*, 0 where it is not.
 
     signs : s of a sliding contact, 0 of a sticking one;  lam_F, bound : λ_F and μ Σ λ_*
-    slip : g_Fᵀq̇ up to a positive factor, for the contacts without a load, where λ_F = ± 0
+    slip : g_Fᵀq̇ up to a positive factor, for the contacts without a load, where λ_F is rounding
     """
     sigma = zeros(arena, bound.size)
+    fastest, most = 0.0, 0.0
+    for j in range(bound.size):
+        fastest = max(fastest, abs(slip[j]))
+        if bound[j] < np.inf:
+            most = max(most, bound[j])
     for j in range(bound.size):
         if signs[j] != 0.0:
             sigma[j] = signs[j]
         elif at_bound(lam_F[j], bound[j]):
-            sigma[j] = np.sign(lam_F[j]) if lam_F[j] != 0.0 else -np.sign(slip[j])
+            if bound[j] > AT_BOUND * most:
+                sigma[j] = np.sign(lam_F[j])
+            elif abs(slip[j]) > NO_SLIP * fastest:
+                sigma[j] = -np.sign(slip[j])
     return sigma
 
 

@@ -177,9 +177,11 @@ def asked_accuracy(eps: float, iterates: bool) -> float:
     return (0.01 if iterates else 0.1) * eps
 
 
-def iteration_error(rate: float, change: float, rounding: float) -> float:
-    """Bound of what is left to be changed by all further passes (3.14).
+def iteration_error(rate: float, behind: float, ahead: float, rounding: float) -> float:
+    """Bound of what all further passes would change (3.14).
 
-    change : ‖·‖_M that the next would make;  rate : ρ < 1;  rounding : of one pass, (h/α₀) ε₀
+    behind : ‖·‖_M that this pass has changed, of which the next changes ρ times as much
+    ahead : ‖·‖_M that the next is known to change;  rate : ρ < 1
+    rounding : of one pass, (h/α₀) ε₀
     """
-    return (rate * change + rounding) / (1 - rate)
+    return (rate * behind + ahead + rounding) / (1 - rate)

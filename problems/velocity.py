@@ -188,18 +188,21 @@ class VelocityEquations:
             )
             if not iterate:
                 return step
-            change = self.norm(v - guess) if self.velocity_dependent else 0.0
+            behind = self.norm(v - guess) if self.velocity_dependent else 0.0
+            ahead = 0.0
             if correct:
                 new_bound = assembly.bound(lam_N)
                 moved = force_change(signs, lam_F, bound, new_bound)
                 off = self.norm(assembly.friction_force(moved) / D**2)
-                change += h / alpha0 * off
+                ahead = h / alpha0 * off
                 if stuck:
                     rubbing = self.norm(assembly.friction_force(step.lam_F) / D**2)
                     loose = off > STUCK_TOL * rubbing
+            change = behind + ahead
             rate = change / change_before if number > 1 and change_before > 0 else FIRST_RATE
             # without friction the fixed point is a contraction or the step is too long
-            close = rate < 1 and iteration_error(rate, change, h / alpha0 * eps0) <= 0.1 * self.eps
+            rounding = h / alpha0 * eps0
+            close = rate < 1 and iteration_error(rate, behind, ahead, rounding) <= 0.1 * self.eps
             if close and not loose:
                 return step
             if number > 2 and rate >= 1 and not correct:

@@ -11,6 +11,7 @@ from problems.friction_kernels import force_change
 from problems.friction_passes import newton_multipliers
 from problems.scenes import Scene
 from problems.stepper import Stepper, StepperOptions
+from problems.velocity import STUCK, VelocityEquations
 from solvers import make_solver
 from tests.runs import leaning_box, one_box, scene_run
 
@@ -65,6 +66,32 @@ def test_friction_never_exceeds_the_cone_in_the_scenes():
         if qp.kind in ("step", "corrector") and qp.accepted:
             tangential = qp.feature[:, 4] == 1
             assert (np.abs(solution.x[tangential]) <= qp.upper[tangential] + 1e-9).all()
+
+
+def test_another_pass_would_change_less_than_was_asked(monkeypatch):
+    """‖δq̇‖_M ≤ 0.1 ε (3.14) if sliding forces were those of the λ_N that they led to."""
+    left, solve = [], VelocityEquations.solve
+
+    def solved(self, qps, assembly, history, q, t, h, signs, known):
+        step = solve(self, qps, assembly, history, q, t, h, signs, known)
+        if step.settled and known != STUCK and signs.any():
+            off = np.where(signs != 0, signs * assembly.bound(step.lam_N) - step.lam_F, 0.0)
+            push = assembly.friction_force(off) / self.D**2
+            left.append(h / history.bdf(h)[0] * self.norm(push) / self.eps)
+        return step
+
+    monkeypatch.setattr(VelocityEquations, "solve", solved)
+    run_of(scene("rain", bodies=12, mu=0.7), until=1.0)
+    assert len(left) > 500
+    assert max(left) <= 0.1
+
+
+def test_rounding_has_no_say_in_which_forces_follow_from_which():
+    """At the start of fig5 contacts without a load do not slip: λ_F and slip are rounding there."""
+    runs = [run_of(scene("fig5", gravity=g), until=0.01) for g in 9.81 * (1 + 1e-14 * np.arange(6))]
+    assert len({len(run.qps) for run in runs}) == 1
+    for run in runs[1:]:
+        np.testing.assert_allclose(run.t, runs[0].t, rtol=1e-9)
 
 
 def test_rest_is_rest_with_the_corrected_rule_and_not_with_the_paper_s():

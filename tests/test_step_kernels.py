@@ -79,6 +79,9 @@ def test_friction_bounds_and_signs():
     np.testing.assert_array_equal(forced_signs(signs, *at), [-1.0, -1.0, 0.0])
     unloaded = np.zeros(3), np.zeros(3), np.array([2.0, 0.0, -2.0])
     np.testing.assert_array_equal(forced_signs(np.zeros(3), *unloaded), [-1.0, 0.0, 1.0])
+    rounding = np.array([1e-17, 1e-17, 5.0]), np.array([1e-17, 1e-17, 5.0])
+    slip = np.array([2.0, -1e-16, 1.0])
+    np.testing.assert_array_equal(forced_signs(np.zeros(3), *rounding, slip), [-1.0, 0.0, 1.0])
 
 
 BODIES = (box(1.0, 1.0), polygon_body([(0, 0), (2, 0), (1, 1.5)]), box(0.5, 2.0))

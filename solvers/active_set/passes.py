@@ -148,7 +148,7 @@ def friction_passes(
         if next_only:
             left = change
         else:  # (3.14)
-            left = iteration_error(rate, change, h / alpha0 * rounding) if rate < 1.0 else inf
+            left = iteration_error(rate, 0.0, change, h / alpha0 * rounding) if rate < 1.0 else inf
         if left <= tolerance:
             return number, mode, solves
         change_before = change
