@@ -24,7 +24,7 @@ quick: $(INSTALLED)
 	$(BIN)/glambda study --quick
 
 publish: study campaigns growth
-	rm -rf reports/published
+	find reports/published -mindepth 1 -maxdepth 1 ! -name peers -exec rm -rf {} +
 	$(BIN)/glambda report results -o reports/published
 	$(BIN)/glambda record tower --set bodies=150 --until 0.3 -o results/families
 	$(BIN)/glambda record wall --set bodies=200 --until 0.3 -o results/families

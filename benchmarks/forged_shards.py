@@ -148,10 +148,8 @@ def _shard_rows(rng: Random, sound: bytes) -> bytes:
         {"compression": "zstd"},
         {"compression": "gzip"},
         {"use_dictionary": True},
-        {"row_group_size": 100},
     ]
     chosen = how[rng.integers(len(how))]
-    chosen.pop("row_group_size", None)
     return parquet(made, **chosen)
 
 

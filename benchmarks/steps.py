@@ -21,6 +21,7 @@ drift is the farthest that anything has moved in 100 steps of 1/240 s of an alig
 from __future__ import annotations
 
 import argparse
+import gc
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -115,13 +116,18 @@ def time_of(start: Scene, **options: Any) -> tuple[float, int, dict[str, float]]
     while warm.counts["steps"] < WARM_UP and not warm.at_rest:
         warm.advance(start.end_time)
     stepper, clock = started(start, **options), Clock()
-    begin = time.process_time()
-    with stages(clock):
-        while stepper.t < start.end_time - 1e-9 and not stepper.at_rest:
-            stepper.advance(start.end_time)
-            if time.process_time() - begin > LIMIT:
-                break
-    whole = time.process_time() - begin
+    gc.collect()
+    gc.disable()
+    try:
+        begin = time.process_time()
+        with stages(clock):
+            while stepper.t < start.end_time - 1e-9 and not stepper.at_rest:
+                stepper.advance(start.end_time)
+                if time.process_time() - begin > LIMIT:
+                    break
+        whole = time.process_time() - begin
+    finally:
+        gc.enable()
     steps = stepper.counts["steps"]
     return whole / steps, steps, {stage: clock.spent[stage] / whole for stage in SHARES}
 
@@ -150,7 +156,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         *((parameters, bodies) for parameters in FAMILIES for bodies in chosen.bodies),
     ]
     for parameters in SMALL:  # impacts and friction load their kernels, too
-        time_of(scene(**parameters))
+        for keep in (True, False):
+            time_of(scene(**parameters), keep_qps=keep)
     unit, first = 0.0, (0, 0.0)
     for parameters, bodies in track(cases, console=Console(stderr=True)):
         start = scene(**parameters, **({"bodies": bodies} if bodies else {}))

@@ -171,7 +171,9 @@ def ratios(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print a table of ratios; exit code 0, or 2 for bad input."""
-    parser = argparse.ArgumentParser(description="Ratios of times, interleaved, with their spread.")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("contestants", nargs="*", metavar="[FOLDER:]NAME")
     parser.add_argument("--sequences", nargs="+", default=list(SEQUENCES), metavar="LABEL")
     parser.add_argument("--setting", choices=("paper", "high"), default="high")

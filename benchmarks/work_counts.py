@@ -15,7 +15,7 @@ differ by 1e-16, and where two rows block at once, or Δ_j is 0 but for rounding
 comes first.  So `--update` simulates each sequence `DISTURBED` more times, with the last bit of
 every answer and then of every A and d changed at random (seeded): another machine in small.  The
 farthest that a count moved is kept beside it as `rounding`.  It is 0 for half of the counts, and
-above 5 % for one in fifteen, most of them small: there, a rise of 5 % is not told from rounding.
+above 5 % for one in seven, most of them small: there, a rise of 5 % is not told from rounding.
 A sequence whose bits are not those of the baseline is named, for then the stepper has changed, or
 the machine; a changed stepper calls for `--update`.
 """

@@ -13,9 +13,10 @@ import numpy as np
 
 from harness.machine import problems_version, solver_version
 from harness.oracle import reference
-from harness.recording import Event, Recording
+from harness.recording import Recording
 from problems import simulate
 from problems.qp import TANGENT, ContactQP, Vector
+from problems.run import Event
 from solvers import make_solver
 
 Progress = Callable[[str, float, float], None]

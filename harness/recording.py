@@ -38,7 +38,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +47,7 @@ from harness.recording_file import HEADER, RecordingError, Stored, file_bytes, r
 from harness.recording_layout import MAY_BE_INFINITE, check_lengths, pack, unpack
 from harness.whole_files import write_whole
 from problems.qp import AT_LOWER, AT_UPPER, FREE, PASSIVE, ContactQP, Solution, Vector
+from problems.run import Event
 
 REMEDY = "record the scene again with 'glambda record'"
 MEMBERS = (AT_LOWER, FREE, AT_UPPER, PASSIVE)
@@ -56,14 +57,6 @@ PROOFS = ("exact", "bound", "ill-posed")
 """What a reference rests on: the answer in exact arithmetic (`harness.proof`); the bound that
 trusts nobody (`harness.error_bound`), which holds up to rounding; the same, where the recorded data
 taken exactly have another answer, which any other rounding of them would change."""
-
-
-class Event(NamedTuple):
-    """Something that happened at time t [s]."""
-
-    t: float
-    kind: str
-    detail: str
 
 
 @dataclass(frozen=True, eq=False)

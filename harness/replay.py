@@ -9,8 +9,8 @@ For each recording and each accuracy setting:
    warm-up comes before its first pass.  A run whose pass takes more than `slow_pass` seconds is not
    repeated, nor is one that has cost a process.
 4. The first pass is judged; the others only add times, unless they cost a process: that is the
-   verdict of the QP then.  A solver's own clock is believed within bounds (`doubtful`).  Every
-   finished pass is stored at once.
+   verdict of the QP then.  A solver's own clock is believed within bounds (`measure.believed`).
+   Every finished pass is stored at once.
 
 A folder that holds some of it already is continued where it stopped (`harness.store`).
 """

@@ -37,7 +37,7 @@ MISSED_BEYOND = 10.0
 
 
 def physics_of(run: Run) -> dict[str, float]:
-    """Every measure of the module but the accuracy; the names are those of `Measures`."""
+    """Every measure of the module but the accuracy; by name."""
     return {
         "overlap": max(0.0, float(overlap(run.scene, run.q).max())),
         "active_gap": min(0.0, float(run.gaps.min(initial=0.0))),

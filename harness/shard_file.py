@@ -42,7 +42,7 @@ COLUMNS: dict[str, pa.DataType] = {
     # the first eight are qpbenchmark's
     "problem": pa.string(),  # scene/000123
     "solver": pa.string(),
-    "settings": pa.string(),  # paper, high or default
+    "settings": pa.string(),  # paper, high, default or a number
     "runtime": pa.float64(),  # setup + solve [s], minimum over the passes
     "found": pa.bool_(),  # the solver's claim
     "primal_residual": pa.float64(),
@@ -111,7 +111,7 @@ KEY_LIMIT = 10_000
 FILE_LIMIT = 1_000_000_000
 """Largest file that is read [bytes]."""
 ROW_BYTES = 8 * (2 + 2 * len(TIMES))
-"""Bytes that a row takes at least: runtime, runtime_median, and the four times twice."""
+"""Bytes that a row takes at least: runtime, runtime_median, and the times twice."""
 
 
 class StoreError(ValueError):
@@ -293,7 +293,7 @@ def _check_layout(file: pq.ParquetFile, size: int, wrong: Callable[[str], StoreE
 
 
 def runtimes(passes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(passes, n) of (passes, n, 4) times: setup + solve, or the whole call where those are NaN."""
+    """(passes, n) of (passes, n, times): setup + solve, or the whole call where those are NaN."""
     own = passes[:, :, TIMES.index("setup_time")] + passes[:, :, TIMES.index("solve_time")]
     return np.where(np.isnan(own), passes[:, :, TIMES.index("call_time")], own)
 

@@ -13,9 +13,7 @@ import numpy as np
 from problems.broad_phase import free_pairs
 from problems.contacts import CONTACT_TOL, Geometry
 from problems.qp import Indices, Vector
-from problems.step_kernels import FORGET_LEVEL, largest_motion, sink_levels
-
-__all__ = ["FORGET_LEVEL", "Candidates"]
+from problems.step_kernels import largest_motion, sink_levels
 
 MARGINS = ((8, 4.0), (30, 1.0), (np.inf, 0.25))
 """Up to so many bodies, the margin over the shortest edge: of few, to look at more candidates is
@@ -78,7 +76,7 @@ class Candidates:
     def note_clearances(self, clearance: Vector) -> None:
         """Follow corners that were let in without a contact: their levels sink with them.
 
-        clearance : (L,) [m];  a level is forgotten once its corner is `FORGET_LEVEL` outside.
+        clearance : (L,) [m];  a level is forgotten once its corner is far outside.
         """
         sink_levels(clearance, self.free, self.level)
 

@@ -110,8 +110,12 @@ def _floors(swept: pd.DataFrame, found: pd.DataFrame) -> list[str]:
                 "The bound of h does: a jump of q⃛ that nothing announces, as where a contact lets "
                 "go, is else crossed by a step of h_max."
                 if cured
-                else "Nor does the bound make it proportional to ε: an event is placed by a "
-                "tolerance that ε does not set."
+                else "Nor does the bound make it proportional to ε"
+                + (
+                    "."
+                    if row.stretch == "before"
+                    else ": an event is placed by a tolerance that ε does not set."
+                )
             )
         )
     return notes
@@ -225,14 +229,14 @@ def drift_findings(drifted: pd.DataFrame) -> list[str]:
     # one error per run: that of all its times
     plain_pose = _pose(plain)
     notes = [
-        "Without a rule, the deepest overlap is "
+        "Without a rule, −min φ of active contacts is "
         f"{_span(plain['depth'] / plain.index.get_level_values('eps'))} ε."
     ]
     rules = [name for name in table.index.unique("rule") if not name.startswith("none")]
     for name in rules:
         part = table.xs(name, level="rule")
         notes.append(
-            f"{name}: the overlap is {_span(part['depth'] / plain['depth'])} times that without, "
+            f"{name}: −min φ is {_span(part['depth'] / plain['depth'])} times that without, "
             f"the pose error {_span(_pose(part) / plain_pose)} times, |energy error| "
             f"{_span(part['energy'].abs() / plain['energy'].abs())} times, CPU time "
             f"{_span(part['ratio'])} times."
@@ -270,7 +274,7 @@ def write_convergence(measured: Converged, folder: str | Path) -> Path:
         f"with {BOUNDED}: of an error that falls in proportion to ε under the second bound only, "
         "part is the bound's merit. Then contacts that drift, φ ≠ 0 under load, are left alone, "
         "stabilized by Baumgarte's rule, or projected.\n\n"
-        "![Errors against ε, CPU time against error, overlap and error against τ]"
+        "![Errors against ε, CPU time against error, gap and error against τ]"
         "(convergence.png)\n\n" + "\n".join(table.to_markdown() for table in tables),
         tables,
         {"convergence_runs": measured.swept},

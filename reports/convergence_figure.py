@@ -53,7 +53,7 @@ def plot_convergence(measured: Converged, path: Path) -> Path:
         drifted = measured.drifted
         drifted = drifted[drifted.groupby("scene")["depth"].transform("max") > SHALLOW]
         _draw_drift(bottom[1], drifted, "depth", looks)
-        bottom[1].set_title("deepest overlap")
+        bottom[1].set_title("worst gap of an active contact")
         bottom[1].set_ylabel("−min φ [m]")
         worst = drifted.assign(pose=drifted[["before", "after"]].max(axis=1))
         _draw_drift(bottom[2], worst, "pose", looks)

@@ -28,16 +28,6 @@ class Interval(NamedTuple):
     low: float
     high: float
 
-    @property
-    def above_one(self) -> bool:
-        """Whether all of it exceeds 1."""
-        return self.low > 1.0
-
-    @property
-    def below_one(self) -> bool:
-        """Whether all of it is less than 1."""
-        return self.high < 1.0
-
 
 def geometric_mean(ratios: ArrayLike, seed: int = 0) -> Interval:
     """Geometric mean of ratios in the order of their QPs; NaN without any.

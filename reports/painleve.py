@@ -160,6 +160,7 @@ def catch_table(catches: Sequence[Caught]) -> Table:
     )
     paper = data[data["rule"] == "paper"].sort_values("h", ascending=False)
     steps = np.diff(paper["÷ h"].to_numpy())
+    most = int(np.ceil(data.loc[data["rule"] == "corrected", "÷ h"].max()))
     gain = 1.2
     more = np.log(10) / np.log(growth(gain))
     return Table(
@@ -178,9 +179,9 @@ def catch_table(catches: Sequence[Caught]) -> Table:
             "Over a fixed time λ of the paper's rule grows by |ζ|^(t/h) until the slip has ended. "
             f"That takes ln 10/ln ζ = {more:.2f} steps more for a tenth of h (measured: "
             f"{', '.join(f'{s:.2f}' for s in steps)}), so as h → 0 it happens at once, and the "
-            "jump is the one that the corrected rule makes in one step. The limit of both rules is "
-            "the impulse without a collision; neither converges to a sliding motion, as there is "
-            "none.",
+            f"jump is the one that the corrected rule makes in {most} steps at most. The limit of "
+            "both rules is the impulse without a collision; neither converges to a sliding motion, "
+            "as there is none.",
         ],
     )  # fmt: skip
 

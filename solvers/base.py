@@ -46,7 +46,7 @@ class Unsupported(Exception):
 class Start(NamedTuple):
     """An earlier solution, mapped by `row_id` onto the rows of today's QP.
 
-    x : (k,) old x clipped to today's bounds; new rows start at the bound nearest to 0
+    x : (k,) old x clipped to today's bounds; new rows start at 0, clipped likewise
     working_set : (k,) int8, FREE for new rows
     previous : (k,) int64, position of each row in the old QP or −1
     same_rows : the rows are the same ones in the same order

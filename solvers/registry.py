@@ -106,7 +106,7 @@ def solver_class(name: str) -> type[Solver]:
 
 
 def make_solver(name: str, **options: Any) -> Solver:
-    """Make the solver called `name`, such as "daqp", "lotstedt[exact_qr]" or "qpsolvers[cvxopt]".
+    """Make the solver called `name`, such as "daqp", "lotstedt[exact_qr]" or "qpsolvers[osqp]".
 
     Raises ValueError for an unknown name or option and ImportError where its package is absent.
     """

@@ -191,8 +191,7 @@ def test_processes_end_with_their_parent(
 ) -> None:
     program, word = run("Honest", "forks", solver)
     assert wait_for(lambda: any(tmp_path.glob("solves/*Honest*")))
-    time.sleep(0.3)
-    assert len(processes_with(word)) >= 3
+    assert wait_for(lambda: len(processes_with(word)) >= 3)
     program.send_signal(how)
     _, err = program.communicate(timeout=60)
     assert wait_for(lambda: not processes_with(word))

@@ -10,9 +10,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.recording import Event, Recording
+from harness.recording import Recording
 from problems.contacts import HalfPlane
 from problems.qp import FREE, ContactQP, Solution, Status
+from problems.run import Event
 from reports.comparison import TIME_LIMIT, compare, shifted_geometric_mean
 from reports.criterion import criterion_answer, criterion_tables, thresholds
 from reports.figures import plot_accuracy, plot_cost, plot_profiles

@@ -59,7 +59,8 @@ Stops = Annotated[
     typer.Option(help="where slip ends: an event each, or what would stop in a step sticks for it"),
 ]
 DropTol = Annotated[
-    float | None, typer.Option(help="speed at which a contact without force is dropped; default: ε")
+    float | None,
+    typer.Option(help="speed at which a contact that separates is dropped; default: ε"),
 ]
 Drift = Annotated[
     Literal["none", "baumgarte", "projection"],

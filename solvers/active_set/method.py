@@ -39,7 +39,7 @@ This differs from the paper:
    be blocked at once is not tried.
 4. A Δ_j below ε₁ is not enough to end: a column close to the span of A_F moves A x far on a
    small Δ_j.  Where one has the wrong sign beyond rounding, the move of A x that freeing x_j would
-   give is computed, and compared with ε₀ (`worth_freeing`).
+   give is computed, and compared with ε₀ (`loop.append_column`).
 5. A variable that enters and is thrown back before A x has moved, and one whose column depends on
    A_F, are barred until A x moves (or F loses a column).  Each pass then lowers the objective,
    shrinks F or bars a variable, so that rounding cannot make it cycle.  In exact arithmetic neither

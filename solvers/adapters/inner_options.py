@@ -1,8 +1,8 @@
 """Tolerances of the packages that are reached through another one (CVXPY, qpsolvers).
 
 Each entry makes the package's own options of the KKT residual and the duality gap that the accuracy
-asked for allows (`Posed.residual_tolerance`, `Posed.gap_tolerance`); the floors are those of the
-package's own adapter.  HiGHS is left as it is, with 1e-7 on the diagonal of P: see its adapter for
+asked for allows (`Posed.residual_tolerance`, `Posed.gap_tolerance`); no residual below 1e-12 is
+asked for.  HiGHS is left as it is, with 1e-7 on the diagonal of P: see its adapter for
 what goes wrong without it.  quadprog has no options.
 """
 
