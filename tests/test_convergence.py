@@ -149,7 +149,7 @@ def test_the_page_tells_what_was_measured(measured: Converged, tmp_path: Path) -
         lines = (tmp_path / f"{table.name}.csv").read_text(encoding="utf-8").splitlines()
         assert len(lines) == 1 + len(table.data) > 1
     notes = "\n".join(tables[-1].notes)
-    assert "projection: the overlap is" in notes
+    assert "projection: −min φ is" in notes
     assert "No drift above rounding" not in notes
 
 
