@@ -2,7 +2,8 @@
 
 numba's own cache looks at one file only, so that an edit in another kernel would go unnoticed.  The
 cache folder is therefore named by a hash of all kernel sources that may call each other and of the
-flags.  The first call on a machine compiles for up to two minutes, and says so.
+flags.  The first call on a machine compiles for up to two minutes, and says so; its results are
+those of later ones, bit for bit (`OwnCopies`).
 """
 
 from __future__ import annotations
@@ -16,13 +17,37 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from llvmlite.binding import Linkage
 from numba.core import cgutils, types
+from numba.core.codegen import JITCodeLibrary
 from numba.core.imputils import impl_ret_borrowed
+from numba.core.registry import cpu_target
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
 FAST_MATH = frozenset({"reassoc", "contract", "nsz"})
 """Sums may be regrouped for vector instructions; NaN and infinity keep their meaning."""
+
+
+class OwnCopies(JITCodeLibrary):
+    """Machine code that calls its own copies of the kernels that it calls.
+
+    numba links these copies weakly.  Each has been optimized where it stands and rounds in its own
+    way, and which one runs would depend on what was loaded first: a run that compiles and the next
+    one, from the cache, would differ in the last bits.
+    """
+
+    def _finalize_final_module(self) -> None:
+        self._finalized = True  # as it is, but for the linkage: what callers link in stays weak
+        self._get_module_for_linking()
+        self._finalized = False
+        for function in self._final_module.functions:
+            if function.linkage is Linkage.linkonce_odr and not function.is_declaration:
+                function.linkage = Linkage.internal
+        super()._finalize_final_module()
+
+
+type(cpu_target.target_context.codegen())._library_class = OwnCopies
 
 
 def cache_folder(sources: Sequence[Path]) -> Path:
