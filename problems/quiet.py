@@ -213,7 +213,7 @@ class Quiet:
 
     def _prepare(self, stepper: System, active: ActiveSet, end: float) -> QuietSteps:
         graph, history, options = stepper.graph, stepper.history, stepper.options
-        ahead = min(stepper.scheduled(), default=np.inf)
+        ahead = stepper.scheduled()
         until = min(ahead, end)
         near = graph.candidates
         near.renew(stepper.q, active.place)
@@ -302,6 +302,7 @@ def _last_step(stepper: System, run: QuietSteps) -> LastStep:
     assembly, history = Assembly(stepper.graph, stepper.q), stepper.history
     N, F = len(assembly.normals), len(assembly.frictions)
     step = VelocityStep(
+        t=stepper.t,
         h=history.h,
         q=stepper.q,
         v=history.v,

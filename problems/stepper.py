@@ -176,7 +176,8 @@ class Stepper(Transitions):
         signs = np.array([friction.sign for friction in here.frictions], dtype=np.float64)
         known = self.lam_known
         h_full = self._step_length()
-        h = min(h_full, min([*self.scheduled(), end]) - self.t)
+        jump = self.scheduled()
+        h = min(h_full, min(jump, end) - self.t)
         unsettled = redone = located = 0
         for _ in range(MAX_TRIES):
             arrival, hits, losses = look_ahead(self.graph, path, h, self.slowest_approach)
@@ -190,7 +191,7 @@ class Stepper(Transitions):
                 if h_event < h:
                     h = h_event
                     arrival, _, _ = look_ahead(self.graph, path, h, np.inf)
-            step = self._try_velocity(arrival, signs, known)
+            step = self._try_velocity(arrival, min(self.t + h, jump), signs, known)
             unsettled += not step.settled
             if not step.settled:
                 self._watch_gain(step, signs)
@@ -261,17 +262,18 @@ class Stepper(Transitions):
     def _try_velocity(
         self,
         arrival: Arrival,
+        t: float,
         signs: Vector,
         known: int,
     ) -> VelocityStep:
-        """Step 2."""
+        """Step 2, to the time t."""
         h = arrival.h
         step = self.equations.solve(
             self.qps,
             Assembly(self.graph, arrival.q, arrival.handed_over, arrival.pose),
             self.history,
             self.q,
-            self.t + h,
+            t,
             h,
             signs,
             known,
@@ -302,7 +304,7 @@ class Stepper(Transitions):
     def _accept(self, step: VelocityStep, arrival: Arrival, h_full: float) -> None:
         self.qps.settle(accepted=True)
         self._last = step
-        self.t, self.q = self.t + step.h, step.q
+        self.t, self.q = step.t, step.q
         self.history.push(step.h, step.v, step.a)
         self.h_last = max(h_full, step.h)
         # λ from before a restart is never extrapolated: (4.4), (4.3), (4.2) after a jump in q̇, and
@@ -373,7 +375,7 @@ class Stepper(Transitions):
 
     def _watch_rest(self) -> None:
         """Whether all bodies are still, and nothing that is ahead or acts on them changes that."""
-        if not self.scene.stop_at_rest or not self.history.a or self.scheduled():
+        if not self.scene.stop_at_rest or not self.history.a or self.scheduled() < np.inf:
             return
         v, a = (fastest_body(self.D, motion) for motion in (self.history.v, self.history.a[0]))
         if max(v, REST_HORIZON * a) > self.options.rest_speed:

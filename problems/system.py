@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import asdict
+from math import inf
 
 import numpy as np
 
@@ -102,9 +103,13 @@ class System:
             options=asdict(self.options),
         )
 
-    def scheduled(self) -> list[float]:
-        """Times ahead at which a force jumps or an external impulse acts, in order."""
-        return self._times[bisect_right(self._times, self.t + SHORTEST_STEP) :]
+    def scheduled(self) -> float:
+        """The next time at which a force jumps or an external impulse acts; ∞ where none is left.
+
+        No step ends beyond it, not by rounding either: forces are those of the step's end.
+        """
+        ahead = bisect_right(self._times, self.t + SHORTEST_STEP)
+        return self._times[ahead] if ahead < len(self._times) else inf
 
     def _external_impulse(self, t: float) -> Vector:
         F = np.zeros_like(self.q)

@@ -57,13 +57,14 @@ STUCK = -1
 
 
 class VelocityStep(NamedTuple):
-    """What a step of length h found: q, q̇, q̈ (3n,), λ_N (N,), λ_F (F,) and its `Assembly`.
+    """What a step of length h to t found: q, q̇, q̈ (3n,), λ_N (N,), λ_F (F,), its `Assembly`.
 
     gap_speed (N,), slip_speed (F,) : G_Nᵀq̇, G_Fᵀq̇
     at_bound : (F,) whether a friction force is proportional to λ_*
     settled : whether the passes came to an end by (3.14); else this is the last one
     """
 
+    t: float
     h: float
     q: Vector
     v: Vector
@@ -174,6 +175,7 @@ class VelocityEquations:
             slip = assembly.slip_speed(v) if rubs else NOTHING
             at_bound = forced_signs(signs, lam_F, bound, slip) != 0
             step = VelocityStep(
+                t=t,
                 h=h,
                 q=q,
                 v=v,
@@ -239,7 +241,8 @@ class VelocityEquations:
         if known == STUCK or (correct and known == 0 and not signs.any()):
             return np.full(len(assembly.normals), np.inf)
         if known == 0:
-            f_before = self.forces(q_before, history.v, t - h)
+            # a force may jump where the step begins: it is the one after
+            f_before = self.forces(q_before, history.v, t)
             mass = self.D**2
             return spring_multipliers(assembly, 1 / mass, q_before, history.v, f_before, h)
         w = h / history.h if history.h else 1.0

@@ -8,7 +8,7 @@ import pytest
 
 from problems import scene, simulate
 from problems.bodies import box
-from problems.forces import Load
+from problems.forces import Impulse, Load
 from problems.qp import Solution, Status
 from problems.scenes import Scene
 from problems.sequence import SimulationError
@@ -196,6 +196,21 @@ def test_a_load_restarts_at_its_jumps_and_moves_the_box():
     speed = (6 - 0.3 * 9.81) * 0.5
     expected = speed * 0.5 / 2 + speed**2 / (2 * 0.3 * 9.81)
     assert run.q[-1, 0, 0] == pytest.approx(expected, rel=5e-3)
+
+
+@pytest.mark.parametrize("keep", [True, False])
+@pytest.mark.parametrize("nudge", [0.03, 0.07, 0.11, 0.19])
+def test_a_step_that_ends_where_a_load_begins_is_not_of_it(nudge, keep):
+    """0.03 + (0.3 − 0.03) > 0.3 in floating point."""
+    scene_ = one_box(
+        impulses=(Impulse(nudge, 0, (0.0, 0.0, 0.1)),),
+        forces=(Load(0, (1.0, 0.0, 0.0), 0.3),),
+        gravity=0.0,
+    )
+    scene_ = replace(scene_, ground=())
+    run = simulate(scene_, lotstedt(), fixed_step=0.5, keep_qps=keep)
+    assert run.v[-1, 0, 0] == pytest.approx(0.7, abs=1e-12)
+    assert [event.kind for event in run.event_log] == ["impulse", "force_jump"]
 
 
 def test_a_box_pushed_over_the_end_of_a_table_slides_off():
