@@ -52,6 +52,16 @@ def at_bound(lam_F, bound):
 
 
 @kernel
+def largest_finite(bound):
+    """The largest of the bounds that are finite; 0 without one."""
+    most = 0.0
+    for j in range(bound.size):
+        if bound[j] < np.inf:
+            most = max(most, bound[j])
+    return most
+
+
+@kernel
 def forced_signs(signs, lam_F, bound, slip, arena=None):
     """σ (F,): the sign of a friction force that is proportional to λ_*, 0 where it is not.
 
@@ -59,16 +69,14 @@ def forced_signs(signs, lam_F, bound, slip, arena=None):
     slip : g_Fᵀq̇ up to a positive factor, for the contacts without a load, where λ_F is rounding
     """
     sigma = zeros(arena, bound.size)
-    fastest, most = 0.0, 0.0
+    fastest, least = 0.0, AT_BOUND * largest_finite(bound)
     for j in range(bound.size):
         fastest = max(fastest, abs(slip[j]))
-        if bound[j] < np.inf:
-            most = max(most, bound[j])
     for j in range(bound.size):
         if signs[j] != 0.0:
             sigma[j] = signs[j]
         elif at_bound(lam_F[j], bound[j]):
-            if bound[j] > AT_BOUND * most:
+            if bound[j] > least:
                 sigma[j] = np.sign(lam_F[j])
             elif abs(slip[j]) > NO_SLIP * fastest:
                 sigma[j] = -np.sign(slip[j])
@@ -83,16 +91,17 @@ def force_change(signs, stuck, bound, new_bound, arena=None):
     stuck : (F,) λ_F of the QP where sticking
     bound, new_bound : (F,) μ Σ λ_* before, infinite where it sticks whatever the load, and after
 
-    A sliding force moves with its bound; a sticking one only where it is at the old bound or
-    beyond the new one.
+    A sliding force moves with its bound; a sticking one only where it is at the old bound, as it
+    is where that is rounding, or beyond the new one.
     """
     change = numbers(arena, bound.size)
+    least = AT_BOUND * largest_finite(bound)
     for j in range(bound.size):
         step = new_bound[j] - (0.0 if bound[j] == np.inf else bound[j])
         if signs[j] != 0.0:
             change[j] = signs[j] * step
             continue
-        if abs(stuck[j]) < bound[j] * (1.0 - 1e-12):
+        if bound[j] > least and abs(stuck[j]) < bound[j] * (1.0 - 1e-12):
             step = min(0.0, new_bound[j] - abs(stuck[j]))
         change[j] = -step if stuck[j] < 0.0 else step
     return change

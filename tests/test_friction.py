@@ -109,6 +109,13 @@ def test_force_change_from_a_start_that_sticks_whatever_the_load():
     np.testing.assert_allclose(moved, [0.0, 0.3, 0.0])
 
 
+def test_force_change_of_a_contact_whose_load_was_rounding():
+    """Its force is at its bound, whichever way that is off 0."""
+    old, new = np.array([1.0, 1e-18, 0.0]), np.array([1.5, 0.5, 0.5])
+    moved = force_change(np.zeros(3), np.array([0.2, 0.0, 0.0]), old, new)
+    np.testing.assert_allclose(moved, [0.0, 0.5, 0.5])
+
+
 def sliding_box(gain):
     """A leaning box whose λ_N(λ_*) has this slope, and its one contact."""
     speed = 1.0 if gain < 0 else -1.0

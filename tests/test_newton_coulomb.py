@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from problems import Scene, scene, simulate
 from problems.assembly import Assembly
-from problems.bodies import box
+from problems.bodies import box, polygon_body
+from problems.impulses import solve_impulse
 from problems.sequence import SolvesQPs
 from problems.stepper import Stepper, StepperOptions
 from solvers import make_solver
@@ -81,6 +84,45 @@ def test_the_motion_of_fig5_does_not_depend_on_the_model_and_that_of_fig4_does()
         ends[name] = float(np.abs(runs[0].q[-1] - runs[1].q[-1]).max())
     assert ends["fig5"] < 1e-6
     assert ends["fig4"] > 1e-3
+
+
+@pytest.mark.parametrize("keep", [True, False])
+def test_coulomb_s_law_holds_where_a_contact_bears_no_load_at_first(
+    keep: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the second pass the λ_* of one contact is rounding."""
+    corners = [(0.10947906629022724, 0.6547654531911578)]
+    corners += [(-0.5797060318034836, -0.18391476320522984)]
+    corners += [(0.47022696551325627, -0.4708506899859279)]
+    q0 = [[0.3099667043331453, 0.6664425379820781, np.pi / 2]]
+    q0 += [
+        [-0.4883864057544748, 2.332897575886032, 0.0],
+        [0.29143838801837985, 3.475331432045218, 0.0],
+    ]
+    v0 = [[-0.6828450043327754, -0.8040304902063203, 0.39154925112121997]]
+    v0 += [[0.1993349329781018, -0.36834064540481737, 0.6861675079770544], [0.0, 0.0, 0.0]]
+    plates = Scene(
+        bodies=(polygon_body(corners), box(2.0, 0.01, 20.0), box(0.2, 0.2)),
+        q0=np.array(q0),
+        v0=np.array(v0),
+        mu=1.2,
+        mu_I=0.5,
+        end_time=0.6,
+    )
+    laws = []
+
+    def watched(qps: object, assembly: Assembly, *rest: Any) -> tuple[np.ndarray, np.ndarray]:
+        v, impulse = solve_impulse(qps, assembly, *rest)  # type: ignore[arg-type]
+        N, slip = len(assembly.normals), assembly.slip_speed(v)
+        bound = plates.mu_I / assembly.mu * assembly.bound(impulse[:N])
+        slides = np.abs(slip) > 1e-6
+        laws.extend(impulse[N:][slides] + np.sign(slip[slides]) * bound[slides])
+        return v, impulse
+
+    monkeypatch.setattr("problems.transitions.solve_impulse", watched)
+    simulate(plates, make_solver("lotstedt"), impulses="newton_coulomb", keep_qps=keep)
+    assert len(laws) >= 3
+    np.testing.assert_allclose(laws, 0.0, atol=1e-8)
 
 
 def test_an_unknown_model_is_refused() -> None:
