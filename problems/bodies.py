@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from problems.checks import check_number
 from problems.qp import Vector
 from problems.shapes import (
     box_corners,
@@ -32,11 +33,22 @@ class Body:
     polygons : convex parts, each (c, 2) [m], counter-clockwise about the centre of gravity
     mass : [kg] (per metre of depth)
     inertia : moment of inertia about the centre of gravity [kg·m²]
+
+    Raises ValueError, naming the field, for a mass or inertia that is not positive and finite, and
+    without a polygon.
     """
 
     polygons: tuple[Vector, ...]
     mass: float
     inertia: float
+
+    def __post_init__(self) -> None:
+        check_number("Body", mass=self.mass, inertia=self.inertia)
+        if not (self.mass > 0 and self.inertia > 0):
+            kept = f"mass = {self.mass:g}, inertia = {self.inertia:g}"
+            raise ValueError(f"Body: {kept}; both must be positive")
+        if not self.polygons:
+            raise ValueError("Body: polygons is empty; a body needs at least one convex part")
 
     @property
     def radius(self) -> float:
@@ -68,7 +80,7 @@ def polygon_body(parts: Any, density: float = 1.0) -> Body:
 
 def box(width: float, height: float, density: float = 1.0) -> Body:
     """Upright box, `width` × `height` [m]."""
-    if not (width > 0 and height > 0):
+    if not (0 < width < np.inf and 0 < height < np.inf):
         raise ValueError(f"a box needs positive sides; got {width:g} × {height:g}")
     return polygon_body(box_corners(width, height), density)
 

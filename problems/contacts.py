@@ -27,6 +27,7 @@ import numpy as np
 
 from problems.bodies import GROUND, Body
 from problems.broad_phase import near_corners
+from problems.checks import check_numbers
 from problems.contact_kernels import (
     clearance_on_path,
     clearances,
@@ -48,10 +49,18 @@ PARALLEL_SINE = 0.02
 
 @dataclass(frozen=True)
 class HalfPlane:
-    """Fixed ground: everything on the side of `normal` of `point` is free."""
+    """Fixed ground: everything on the side of `normal` of `point` is free.
+
+    Raises ValueError, naming the field, for what is not finite, and for a normal without length.
+    """
 
     point: tuple[float, float] = (0.0, 0.0)
     normal: tuple[float, float] = (0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        check_numbers("HalfPlane", 2, point=self.point, normal=self.normal)
+        if not np.hypot(*self.normal) > 0:
+            raise ValueError(f"HalfPlane: normal = {self.normal!r}; it must point somewhere")
 
 
 class Pose(NamedTuple):

@@ -12,6 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
+from problems.checks import check_body, check_number, check_numbers
 from problems.qp import Vector
 
 
@@ -54,6 +55,8 @@ class SpringDamper:
 
     body : index from 0;  point : in body coordinates [m];  anchor : in the inertial frame [m]
     stiffness : [N/m];  damping : [N·s/m];  length : natural length [m]
+
+    Raises ValueError, naming the field, for what is not finite, or negative.
     """
 
     body: int
@@ -63,6 +66,12 @@ class SpringDamper:
     damping: float
     length: float = 0.0
     jumps: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_body("SpringDamper", self.body)
+        check_numbers("SpringDamper", 2, point=self.point, anchor=self.anchor)
+        coefficients = {"stiffness": self.stiffness, "damping": self.damping, "length": self.length}
+        check_number("SpringDamper", 0.0, **coefficients)
 
     @property
     def velocity_dependent(self) -> bool:
@@ -98,6 +107,8 @@ class Load:
     """Constant force and moment on one body from `start` to `end`; it jumps at both.
 
     value : (F_x, F_y, moment) [N, N, N·m]
+
+    Raises ValueError, naming the field, for what is not finite, and for end ≤ start.
     """
 
     body: int
@@ -106,6 +117,13 @@ class Load:
     end: float = np.inf
     velocity_dependent = False
     constant = True
+
+    def __post_init__(self) -> None:
+        check_body("Load", self.body)
+        check_numbers("Load", 3, value=self.value)
+        check_number("Load", start=self.start)
+        if not self.end > self.start:
+            raise ValueError(f"Load: end = {self.end!r}; it must be after start = {self.start!r}")
 
     @property
     def jumps(self) -> tuple[float, ...]:
@@ -121,8 +139,16 @@ class Load:
 
 @dataclass(frozen=True)
 class Impulse:
-    """External impulse F of (2.13) on one body at time t: (F_x, F_y, moment) [N·s, N·s, N·m·s]."""
+    """External impulse F of (2.13) on one body at time t: (F_x, F_y, moment) [N·s, N·s, N·m·s].
+
+    Raises ValueError, naming the field, for what is not finite, and for t < 0.
+    """
 
     t: float
     body: int
     value: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        check_number("Impulse", 0.0, t=self.t)
+        check_body("Impulse", self.body)
+        check_numbers("Impulse", 3, value=self.value)

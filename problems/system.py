@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import asdict
 from math import inf
@@ -49,7 +50,8 @@ class System:
             (self._steady if getattr(force, "constant", False) else self.varying).append(force)
         self._jumps = sorted({time for force in forces for time in force.jumps})
         self._constant: dict[int, Vector] = {}
-        self._impulses = sorted(scene.impulses, key=lambda impulse: (impulse.t, impulse.body))
+        in_order = sorted(scene.impulses, key=lambda impulse: (impulse.t, impulse.body))
+        self._impulses = deque(in_order)
         self._times = sorted({*self._jumps, *(impulse.t for impulse in self._impulses)})
         self.equations = VelocityEquations(
             D=self.D,
@@ -112,10 +114,11 @@ class System:
         return self._times[ahead] if ahead < len(self._times) else inf
 
     def _external_impulse(self, t: float) -> Vector:
+        """F (3n,) of the impulses up to t [s] that have not acted yet."""
         F = np.zeros_like(self.q)
-        for impulse in self._impulses:
-            if abs(impulse.t - t) <= SHORTEST_STEP:
-                F[3 * impulse.body : 3 * impulse.body + 3] += impulse.value
+        while self._impulses and self._impulses[0].t <= t + SHORTEST_STEP:
+            impulse = self._impulses.popleft()
+            F[3 * impulse.body : 3 * impulse.body + 3] += impulse.value
         return F
 
     def _record(self, step: VelocityStep | None = None, gaps: Vector = NOTHING) -> None:

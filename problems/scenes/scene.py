@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from problems.bodies import GROUND, Body
+from problems.checks import check_body
 from problems.contacts import HalfPlane
 from problems.forces import Force, Gravity, Impulse
 from problems.qp import Vector
@@ -26,7 +27,8 @@ class Scene:
     end_time : [s];  stop_at_rest : end as soon as everything has been still for a while
     name, parameters : the function that made it and all its named parameters
 
-    Raises ValueError, naming the field, for wrong shapes, NaN or negative coefficients.
+    Raises ValueError, naming the field, for wrong shapes, NaN, negative coefficients or a force on
+    a body that there is not.
     """
 
     bodies: tuple[Body, ...]
@@ -58,6 +60,8 @@ class Scene:
                 raise ValueError(f"{name} holds NaN or an infinity")
             value.setflags(write=False)
             object.__setattr__(self, name, value)
+        for acting in (*self.forces, *self.impulses):
+            check_body(type(acting).__name__, getattr(acting, "body", 0), n)
         for name in ("mu", "mu_I", "gravity", "eps", "end_time"):
             value = getattr(self, name)
             if not np.isfinite(value) or value < 0:
