@@ -8,8 +8,9 @@ For each family of scenes and each number of bodies, smallest first:
 2. It is replayed at accuracy `high` through the backends (`harness.replay`: interleaved passes,
    answers judged, the least time of each QP counts), each warm, or cold where it has no way of
    keeping anything from one QP to the next.
-3. A backend whose median call exceeds the limit, or would by far, or fewer than half of whose
-   answers are verified, is not tried at the next size; the reason is kept.
+3. A backend whose median call exceeds the limit, or by its growth would exceed `FAR` limits at the
+   next size, or fewer than half of whose answers are verified, is not tried there; the reason is
+   kept.
 
 The folder holds recordings and results.  What is finished in it is not done again; it belongs to
 one version of the code, and refuses another's (`harness.store`).
@@ -175,7 +176,7 @@ def measure_growth(
     """Run the plan; one row per family, size and solver.
 
     family, bodies, m, k;  solver, arm ("warm" or "cold")
-    tried : whether it was run;  reason : why it was not, or why it will not be at the next size
+    tried : whether it was run;  reason : why it was not, or would not be at a larger size
     runtime, call_time : [s] medians over the QPs of setup + solve, and of the whole call, which
         includes what our adapter does to pose the QP;  slowest : the largest runtime
     verified : share of the QPs;  qps : their number

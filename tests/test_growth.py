@@ -144,7 +144,17 @@ def test_who_exceeds_the_limit_or_is_wrong_is_not_tried_again(
     assert why["daqp"] == "2.5 s per call at k = 6"
     stops = limits_table(points).display().set_index("solver")
     assert stops.loc["daqp", "last k"] == "6"
+    assert stops.loc["daqp", "why no further"] == "2.5 s per call"
     assert stops.loc["lotstedt", "why no further"] == "all sizes were tried"
+
+
+def test_the_last_size_of_all_needs_no_reason() -> None:
+    points = made_up({"lotstedt": [1e-5, 1e-4], "osqp": [1e-5, 5.0], "daqp": [5.0, 5.0]})
+    points.loc[points["runtime"] > 1, "reason"] = "10.0 s per call"
+    points.loc[points["solver"].eq("daqp") & (points["k"] == 1000), "tried"] = False
+    stops = limits_table(points).data.set_index("solver")
+    assert stops.loc["osqp", "why no further"] == "all sizes were tried"
+    assert stops.loc["daqp", "why no further"] == "10.0 s per call"
 
 
 def test_the_exponent_of_a_power_is_found() -> None:
@@ -169,11 +179,10 @@ def test_ratios_are_to_the_fastest_that_is_right() -> None:
     table = ratios_table(points)
     assert list(table.data["best other"]) == ["piqp", "piqp"]  # osqp is not right everywhere
     assert list(table.data["ratio"]) == pytest.approx([0.5, 20.0])
-    assert table.data["wanted"].isna().tolist() == [True, False]
-    assert "another backend is faster at k = 100 (piqp)" in table.notes[0]
-    assert "met at every size" in table.notes[1]
-    slower = made_up({"lotstedt": [1e-5, 1e-4], "piqp": [5e-5, 5e-4]})
-    assert "missed at k = 1,000" in ratios_table(slower).notes[-1]
+    assert table.notes == [
+        "tower: another backend is faster at k = 100 (piqp).",
+        "tower: from k = 100 on the ratio is 0.500× to 20.0×.",
+    ]
 
 
 def test_unverified_times_are_told_and_not_fitted() -> None:
