@@ -95,6 +95,49 @@ def test_other_questions_are_named(baseline: Baseline) -> None:
     assert work_counts.remarks(baseline, today) == []
 
 
+def test_only_solvers_that_are_gone_are_missed(baseline: Baseline) -> None:
+    today = work_counts.measure([LABEL], ["lotstedt"])
+    before = copy.deepcopy(baseline)
+    for solver in ("lotstedt[exact_qr]", "lotstedt[gone]"):
+        before[LABEL]["counts"][f"{solver} warm"] = before[LABEL]["counts"]["lotstedt warm"]
+    assert work_counts.remarks(before, today) == [f"{LABEL}: lotstedt[gone] is not in the code"]
+    assert "lotstedt[exact_qr]" in work_counts.SOLVERS
+    del before[LABEL]["counts"]["lotstedt warm"], before[LABEL]["counts"]["lotstedt cold"]
+    assert work_counts.remarks(before, today)[0] == f"{LABEL}: lotstedt is not in the baseline"
+
+
+def test_an_update_of_a_part_keeps_the_rest(baseline: Baseline, tmp_path: Path) -> None:
+    before = with_rise(baseline, "flops", 50.0)
+    entry = copy.deepcopy(before[LABEL])
+    for part in ("counts", "rounding"):
+        before[LABEL][part]["lotstedt[exact_qr] warm"] = entry[part]["lotstedt warm"]
+    before["another"] = entry
+    path = tmp_path / "baseline.json"
+    path.write_text(json.dumps(before))
+    update = [*CHOICE, "--baseline", str(path), "--update"]
+    assert work_counts.main(update) == 0
+    after = json.loads(path.read_text())
+    assert after["another"] == entry
+    for part in ("counts", "rounding"):
+        other = after[LABEL][part].pop("lotstedt[exact_qr] warm")
+        assert other == before[LABEL][part]["lotstedt[exact_qr] warm"]
+    assert after[LABEL] == baseline[LABEL]
+
+
+def test_counts_of_other_qps_are_not_kept_beside_new_ones(
+    baseline: Baseline, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = copy.deepcopy(baseline)
+    before[LABEL]["digest"] = "0" * 16
+    assert work_counts.updated(before, baseline) == baseline  # of the same solvers: all are new
+    before[LABEL]["counts"]["lotstedt[exact_qr] warm"] = {}
+    path = tmp_path / "baseline.json"
+    path.write_text(json.dumps(before))
+    assert work_counts.main([*CHOICE, "--baseline", str(path), "--update"]) == 2
+    assert "leave --solvers out" in capsys.readouterr().err
+    assert json.loads(path.read_text()) == before
+
+
 def test_nothing_to_compare_with_is_bad_input(tmp_path: Path) -> None:
     assert work_counts.main([*CHOICE, "--baseline", str(tmp_path / "none.json")]) == 2
     assert exit_code({}, tmp_path) == 2
