@@ -1,9 +1,7 @@
 """How far one motion is from another: poses in time, and the events that both went through.
 
-Poses.  The reference is read at the times of the run by cubic Hermite interpolation of its q and
-q̇, of order 4 where the stepper's is 2, within the segments between its accepted times.  At an
-impulse q is continuous and q̇ is not: its time stands twice, so that no segment reaches across.  A
-motion that has come to rest goes on standing there.
+Poses.  The reference is read at the times of the run by cubic interpolation (`harness.hermite`).
+A motion that has come to rest goes on standing there.
 
 The error of a body is ‖δ(x, y)‖ + R |δφ| [m], R being the distance of its farthest corner: no point
 of the body is farther off.  `largest` is over bodies and times, `rms` over both, weighted by time.
@@ -22,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from harness.hermite import hermite
 from problems import Run
 from problems.qp import Vector
 from problems.run import Event
@@ -61,19 +60,7 @@ class Motion:
 
     def at(self, times: Vector) -> Vector:
         """Poses (n, bodies, 3) at some times; beyond the end the last one."""
-        if len(self.t) == 1:
-            return np.repeat(self.q, len(times), axis=0)
-        i = np.clip(np.searchsorted(self.t, times, side="right") - 1, 0, len(self.t) - 2)
-        h = (self.t[i + 1] - self.t[i])[:, None, None]
-        ahead = (np.minimum(times, self.t[-1]) - self.t[i])[:, None, None]
-        s = np.divide(ahead, h, out=np.ones_like(h), where=h > 0)
-        start, end = self.q[i], self.q[i + 1]
-        return (
-            (1 + 2 * s) * (1 - s) ** 2 * start
-            + s * (1 - s) ** 2 * h * self.v[i]
-            + s * s * (3 - 2 * s) * end
-            - s * s * (1 - s) * h * self.v[i + 1]
-        )
+        return hermite(self.t, self.q, self.v, times)[0]
 
 
 def motion_of(run: Run) -> Motion:

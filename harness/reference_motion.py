@@ -21,8 +21,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.hermite import hermite
 from harness.motion_error import displacement, motion_of
-from harness.peers.ours import BOUNDED, FIRST_STEP, LARGEST_BOUND, LARGEST_STEP, SHARE, interpolate
+from harness.peers.ours import BOUNDED, FIRST_STEP, LARGEST_BOUND, LARGEST_STEP, SHARE
 from harness.study import parse_label
 from problems import Run, Scene, scene, simulate
 from problems.qp import Vector
@@ -127,7 +128,7 @@ class Reference(NamedTuple):
 
     def errors(self, run: Run) -> tuple[Vector, Vector]:
         """Largest error over bodies, of q [m] and q̇ [m/s], at each time (n,)."""
-        q, v = interpolate(run, self.times.tolist())
+        q, v = hermite(run.t, run.q, run.v, self.times)
         pose = displacement(q - self.q, self.radius).max(axis=1)
         return pose, displacement(v - self.v, self.radius).max(axis=1)
 
@@ -141,7 +142,7 @@ def reference_of(case: Case, solver: SolvesQPs) -> Reference:
     times = np.linspace(0.0, case.until, TIMES)
     near = np.abs(times[:, None] - impacts[None, :]).min(axis=1, initial=np.inf) < CLEAR
     times = times[~near]
-    q, v = interpolate(run, times.tolist())
+    q, v = hermite(run.t, run.q, run.v, times)
     T = run.kinetic_energy()
     last = float(T[-1] + run.potential_energy()[-1])
     apart = impacts[np.diff(impacts, prepend=-np.inf) > CLEAR]

@@ -26,7 +26,7 @@ from harness.peers.base import Peer, ground_boxes
 from harness.peers.campaign import Outcome, Plan, Run, run_campaign, runs_of
 from harness.peers.compare import cheapest, compared, frontier, order_of, table_of
 from harness.peers.observe import energy, observe, penetration
-from harness.peers.ours import BOUNDED, Glambda, interpolate
+from harness.peers.ours import BOUNDED, Glambda
 from harness.peers.tasks import DEFAULT, FRAME, Task, started, tasks_of
 from problems import Scene, scene
 from problems.bodies import box
@@ -211,25 +211,6 @@ def test_impacts_with_friction_are_the_same_as_those_of_an_engine_with_rigid_con
     cls = type(made("pymunk", start))
     theirs = cls(start, 1 / 7680, **cls.settings["100 iterations"]).run(times)
     np.testing.assert_allclose(ours.q, theirs.q, atol=1e-3)
-
-
-def test_interpolation_is_exact_for_cubics_and_has_the_state_after_an_impact() -> None:
-    run = scene_run("fig4")
-    t = np.array([0.0, 0.3, 0.3, 0.7])
-    cubic = np.array([1.0, -2.0, 0.5, 3.0])
-    q, v = np.polyval(cubic, t), np.polyval(np.polyder(cubic), t)
-    jump = np.array([0.0, 0.0, 5.0, 5.0])
-    fake = replace(run, t=t, q=(q + jump * (t - 0.3))[:, None, None], v=(v + jump)[:, None, None])
-    wanted = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
-    seen = np.minimum(wanted, 0.7)
-    after = 5.0 * (seen >= 0.3)
-    found_q, found_v = interpolate(fake, wanted.tolist())
-    np.testing.assert_allclose(
-        found_q[:, 0, 0], np.polyval(cubic, seen) + after * (seen - 0.3), atol=1e-13
-    )
-    np.testing.assert_allclose(
-        found_v[:, 0, 0], np.polyval(np.polyder(cubic), seen) + after, atol=1e-12
-    )
 
 
 # --- what is asked and measured -------------------------------------------------------------------

@@ -84,4 +84,7 @@ def _source(name: str) -> str:
     files = {
         str(sys.modules[cls.__module__].__file__) for cls in classes if cls.__module__ != "abc"
     }
-    return f"source {source_hash([*map(Path, files), folder / 'observe.py'])}"
+    shared = [folder / "observe.py"]
+    if name == OURS:
+        shared.append(folder.with_name("hermite.py"))
+    return f"source {source_hash([*map(Path, files), *shared])}"

@@ -14,11 +14,9 @@ from dataclasses import replace
 from math import sqrt
 from typing import Any, ClassVar
 
-import numpy as np
-
+from harness.hermite import hermite
 from harness.peers.base import Motion, Peer, Settings
 from problems import Run, Scene, scene, simulate
-from problems.qp import Vector
 from solvers import make_solver
 
 NO_TIME = 1e-9
@@ -75,7 +73,7 @@ class Glambda(Peer):
         for _ in range(PAIRS if spent < SHORT else 0):
             building = min(building, self._timed(NO_TIME)[0])
             spent = min(spent, self._timed(times[-1])[0])
-        q, v = interpolate(run, times)
+        q, v = hermite(run.t, run.q, run.v, times)
         return Motion(q, v, spent - building, run.counts["steps"])
 
     def _timed(self, until: float) -> tuple[float, Run]:
@@ -89,19 +87,3 @@ class Glambda(Peer):
             **self.options,
         )
         return 1e-9 * (time.process_time_ns() - start), run
-
-
-def interpolate(run: Run, times: Sequence[float]) -> tuple[Vector, Vector]:
-    """q, v (times, n, 3) by Hermite's cubic between accepted steps, and its derivative.
-
-    At an impact it is the state after it; beyond the end of the run, the last state.
-    """
-    wanted = np.asarray(times, dtype=np.float64)
-    first = np.clip(np.searchsorted(run.t, wanted, side="right") - 1, 0, len(run.t) - 2)
-    h = np.maximum(run.t[first + 1] - run.t[first], np.finfo(float).tiny)
-    x, h = (a[:, None, None] for a in (np.clip((wanted - run.t[first]) / h, 0.0, 1.0), h))
-    q0, q1, v0, v1 = run.q[first], run.q[first + 1], run.v[first], run.v[first + 1]
-    rise = (q1 - q0) / h
-    q = q0 + h * x * (v0 + x * (3 * rise - 2 * v0 - v1 + x * (v0 + v1 - 2 * rise)))
-    v = v0 + x * (6 * rise - 4 * v0 - 2 * v1 + x * (3 * v0 + 3 * v1 - 6 * rise))
-    return q, v
