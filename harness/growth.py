@@ -32,9 +32,9 @@ import numpy as np
 import pandas as pd
 import scipy.sparse as sp
 
-from harness.machine import problems_version
+from harness.kept_recording import recording_in
 from harness.record import Progress, recording_of
-from harness.recording import Recording, RecordingError, read_recording, write_recording
+from harness.recording import Recording
 from harness.replay import replay
 from harness.study import parse_label
 from problems import ContactQP, simulate
@@ -124,28 +124,14 @@ def sequence(folder: Path, family: str, bodies: int, progress: Progress | None =
     """The recording of a family at one size, from `folder` if it is there and current."""
     name, parameters = parse_label(family)
     scene = make_scene(name, **parameters, bodies=bodies)
-    path = folder / "recordings" / f"{scene.label}.h5"
-    kept = _kept(path)
-    if kept is not None and kept.code_version.startswith(f"problems: {problems_version()};"):
-        wanted = {**scene.parameters, "run.until": STEPS * STEP, "run.fixed_step": STEP}
-        if all(kept.parameters.get(key) == value for key, value in wanted.items()):
-            return kept
-    run = simulate(scene, make_solver("lotstedt"), until=STEPS * STEP, fixed_step=STEP)
-    run = replace(run, qps=[_stored(qp) for qp in run.qps])
-    recording = recording_of(run, "lotstedt", until=STEPS * STEP, progress=progress)
-    if kept is None:
-        write_recording(path, recording)
-    return recording  # another one of this label is the store's to refuse
+    how: dict[str, Any] = {"until": STEPS * STEP, "fixed_step": STEP}
 
+    def make() -> Recording:
+        run = simulate(scene, make_solver("lotstedt"), **how)
+        run = replace(run, qps=[_stored(qp) for qp in run.qps])
+        return recording_of(run, "lotstedt", until=how["until"], progress=progress)
 
-def _kept(path: Path) -> Recording | None:
-    if not path.exists():
-        return None
-    try:
-        return read_recording(path)
-    except RecordingError:
-        path.unlink()  # damaged: made anew
-        return None
+    return recording_in(folder / "recordings", scene, how, make)
 
 
 def _stored(qp: ContactQP) -> ContactQP:

@@ -55,6 +55,11 @@ def recording_label(scene: Any, friction: str) -> str:
     return scene.label + ("" if friction == "corrected" else f",friction={friction}")
 
 
+def code_version(solver_name: str) -> str:
+    """Of the code that makes a recording with this solver in the loop."""
+    return f"problems: {problems_version()}; {solver_name}: {solver_version(solver_name)}"
+
+
 def recording_of(
     run: Any,
     solver_name: str,
@@ -73,7 +78,7 @@ def recording_of(
         references.append(reference(qp, start=solution.x))
     if progress is not None:
         progress("reference", len(run.qps), len(run.qps))
-    scene, version = run.scene, solver_version(solver_name)
+    scene = run.scene
     how = {"solver": solver_name, "until": until, **run.options}
     return Recording(
         scene=recording_label(scene, run.options["friction"]),
@@ -83,7 +88,7 @@ def recording_of(
         },
         eps=float(run.options["eps"]),
         gravity=float(scene.gravity),
-        code_version=f"problems: {problems_version()}; {solver_name}: {version}",
+        code_version=code_version(solver_name),
         qps=tuple(run.qps),
         solutions=tuple(run.solutions),
         references=tuple(references),

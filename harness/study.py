@@ -20,9 +20,10 @@ from typing import Any
 from harness.calibration import clock_facts
 from harness.cluster import replayer
 from harness.facts import SETTINGS
-from harness.machine import library_versions, machine, problems_version, solver_version
+from harness.kept_recording import recording_in
+from harness.machine import library_versions, machine, solver_version
 from harness.record import Progress, record
-from harness.recording import Recording, RecordingError, read_recording, write_recording
+from harness.recording import Recording
 from harness.starts import ARMS
 from harness.store import Store
 from problems import scene as make_scene
@@ -121,29 +122,13 @@ def record_into(
     """The recording of a scene by the paper's method, from `folder` if it is there and current."""
     name, parameters = parse_label(label)
     scene = make_scene(name, **parameters)
-    path = folder / f"{scene.label}.h5"
-    if path.exists():
-        try:
-            kept = read_recording(path)
-        except RecordingError:
-            kept = None  # damaged: made anew
-        if kept is not None and _is_current(kept, scene, until):
-            return kept
-    recording = record(scene, until=until, progress=progress)
-    if path.exists() and kept is not None:
-        # Other content is the store's to refuse; the same content keeps its file.
-        Store(folder.parent).add_recording(recording)
-        return recording
-    write_recording(path, recording)
-    return recording
-
-
-def _is_current(recording: Recording, scene: Any, until: float | None) -> bool:
-    code = f"problems: {problems_version()}; lotstedt: {solver_version('lotstedt')}"
     end = float(scene.end_time if until is None else until)
-    kept = recording.parameters
-    same = all(kept.get(name) == value for name, value in scene.parameters.items())
-    return recording.code_version == code and kept.get("run.until") == end and same
+    return recording_in(
+        folder,
+        scene,
+        {"until": end, "eps": scene.eps, "fixed_step": None},
+        lambda: record(scene, until=until, progress=progress),
+    )
 
 
 def run_study(

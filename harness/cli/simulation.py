@@ -160,6 +160,7 @@ def recorded(
     folder: Path,
     overwrite: bool = False,
 ) -> list[tuple[Recording, Path]]:
+    from harness.kept_recording import first_difference, kept_recording
     from harness.progress import shown
     from harness.record import record as record_scene
     from harness.record import recording_label
@@ -175,14 +176,12 @@ def recorded(
         folder / f"{recording_label(each, options.get('friction', 'corrected'))}.h5"
         for each in made
     ]
-    kept = [None if overwrite else _kept(path) for path in paths]
+    kept = [None if overwrite else kept_recording(path) for path in paths]
     for each, path, before in zip(made, paths, kept, strict=True):
-        if before is not None:
-            how = {"until": each.end_time} | {n: v for n, v in options.items() if v is not None}
-            asked = {**each.parameters, **{f"run.{name}": value for name, value in how.items()}}
-            for name, value in asked.items():
-                if before.parameters.get(name) != value:
-                    raise _taken(path, name, before.parameters.get(name), value)
+        how = {"until": each.end_time} | {n: v for n, v in options.items() if v is not None}
+        differs = first_difference(before, each, how) if before is not None else None
+        if differs is not None:
+            raise _taken(path, *differs)
     done = []
     for each, path, before in zip(made, paths, kept, strict=True):
         with shown(f"record {each.label}", terminal(err=True)) as tell:
@@ -192,16 +191,6 @@ def recorded(
         write_recording(path, recording)
         done.append((recording, path))
     return done
-
-
-def _kept(path: Path) -> Recording | None:
-    """The recording that is there already; None for a damaged one, whose remedy is a new one."""
-    from harness.recording import RecordingError, read_recording
-
-    try:
-        return read_recording(path)
-    except RecordingError:
-        return None
 
 
 def _taken(path: Path, name: str, before: object, now: object) -> ValueError:

@@ -1,0 +1,70 @@
+"""A recording in a folder: used again where it is current, else made.
+
+It is current if it was made by this version of the code from the same scene, run in the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from harness.record import code_version
+from harness.recording import Recording, RecordingError, read_recording, write_recording
+from harness.store import Store
+
+
+class Difference(NamedTuple):
+    """A parameter that a recording has another value of than what is asked for."""
+
+    name: str
+    kept: Any
+    asked: Any
+
+
+def kept_recording(path: Path) -> Recording | None:
+    """The recording that is there; None where there is none, or a damaged one, to be made anew."""
+    try:
+        return read_recording(path)
+    except RecordingError:
+        return None
+
+
+def first_difference(recording: Recording, scene: Any, how: Mapping[str, Any]) -> Difference | None:
+    """Whether it is of another scene than this, or was run otherwise; how : {option: value}."""
+    asked = {**scene.parameters, **{f"run.{name}": value for name, value in how.items()}}
+    for name, value in asked.items():
+        kept = recording.parameters.get(name)
+        if kept != value:
+            return Difference(name, kept, value)
+    return None
+
+
+def recording_in(
+    folder: Path,
+    scene: Any,
+    how: Mapping[str, Any],
+    make: Callable[[], Recording],
+    solver: str = "lotstedt",
+) -> Recording:
+    """The recording of a scene from RESULTS/recordings, `folder`, or else what `make` makes.
+
+    how : options of the run that it must have, such as until, in which None stands for none
+    solver : what drove it
+
+    Raises StoreError where another recording of the scene is there.
+    """
+    path = folder / f"{scene.label}.h5"
+    kept = kept_recording(path)
+    if (
+        kept is not None
+        and kept.code_version == code_version(solver)
+        and first_difference(kept, scene, how) is None
+    ):
+        return kept
+    made = make()
+    if kept is None:
+        write_recording(path, made)
+    else:
+        Store(folder.parent).add_recording(made)  # the same content keeps its file
+    return made
