@@ -36,7 +36,9 @@ import numpy as np
 import pandas as pd
 import scipy.sparse as sp
 
+from harness.in_loop import METHOD
 from harness.measure import run_pass
+from harness.starts import ARMS
 from harness.study import parse_label
 from problems import ContactQP, Solution, scene, simulate
 from problems.qp import Matrix, WorkCounts
@@ -51,8 +53,7 @@ SEQUENCES = (
     *("tower,bodies=60", "wall,bodies=60"),
     *("pyramid,bodies=10,mu=0.3", "heap,bodies=8"),
 )
-SOLVERS = tuple(f"lotstedt[{variant}]" if variant else "lotstedt" for variant in VARIANTS)
-ARMS = ("cold", "warm")
+SOLVERS = tuple(f"{METHOD}[{variant}]" if variant else METHOD for variant in VARIANTS)
 COUNTS = tuple(WorkCounts.__dataclass_fields__)
 DRIVER = "velocity"
 ALLOWED = 0.05

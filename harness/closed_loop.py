@@ -29,6 +29,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from harness.facts import SETTINGS
 from harness.folder_lock import sole_writer
 from harness.in_loop import EXACT, METHOD, SLOPPY, check_backend
 from harness.isolated_loops import run_isolated
@@ -40,7 +41,6 @@ from harness.study import PAPER_SCENES, parse_label
 from problems import scene as make_scene
 from solvers import available_solvers
 
-SETTINGS = ("paper", "high", "default")
 SWEEP = ("1e-4x", "1e-3x", "0.01x", "0.1x", "1x", "10x", "100x", "1000x", "1e4x")
 """Accuracies of the sloppy solvers."""
 FINER, CHECK = 1000.0, 100.0

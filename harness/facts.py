@@ -31,6 +31,7 @@ ASKED_RELATIVE = {"high": 1e-9, "default": 1e-6}
 """Settings that ask for a fraction of `scale`; `paper` asks for each QP's own eps0.  A number in
 place of a name, such as 1e-6, is a fraction of `scale` too."""
 SETTINGS = ("paper", *ASKED_RELATIVE)
+"""The one that headlines are drawn from first."""
 DENSE_COLUMNS = 60
 """QPs of more columns are treated as sparse, here, by the error bound and by the oracle."""
 RANK_COLUMNS = 1000

@@ -40,6 +40,7 @@ from solvers.base import Unsupported
 EXACT = "1e-12"
 """The setting at which the paper's method counts as exact."""
 METHOD = "lotstedt"
+"""The paper's method; its variants are called `lotstedt[variant]`."""
 NOISES = ("any", "free", "inside", "more", "less")
 """Kinds of sloppiness."""
 SLOPPY = tuple(f"sloppy[{noise}]" for noise in NOISES)

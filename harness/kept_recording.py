@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from harness.in_loop import METHOD
 from harness.record import code_version
 from harness.recording import Recording, RecordingError, read_recording, write_recording
 from harness.store import Store
@@ -45,12 +46,10 @@ def recording_in(
     scene: Any,
     how: Mapping[str, Any],
     make: Callable[[], Recording],
-    solver: str = "lotstedt",
 ) -> Recording:
-    """The recording of a scene from RESULTS/recordings, `folder`, or else what `make` makes.
+    """The recording by the paper's method from RESULTS/recordings, `folder`, or else by `make`.
 
     how : options of the run that it must have, such as until, in which None stands for none
-    solver : what drove it
 
     Raises StoreError where another recording of the scene is there.
     """
@@ -58,7 +57,7 @@ def recording_in(
     kept = kept_recording(path)
     if (
         kept is not None
-        and kept.code_version == code_version(solver)
+        and kept.code_version == code_version(METHOD)
         and first_difference(kept, scene, how) is None
     ):
         return kept

@@ -21,19 +21,17 @@ import numpy as np
 
 from harness.facts import facts_of
 from harness.in_loop import exact
+from harness.judge import VERIFIED_WITHIN
 from problems import Run
 from problems.bodies import GROUND
 from problems.forces import Load
 from problems.qp import NORMAL, ContactQP, Solution, Vector
 from problems.scenes import Scene
+from problems.sequence import WARM_KINDS
 from problems.shapes import cross
 
-STEPPING = ("step", "iteration", "corrector")
-"""Kinds of QP that end a time step."""
 PUSHES = 1e-3
 """Part of the largest normal force of a QP below which a contact does not count as pushing."""
-MISSED_BEYOND = 10.0
-"""Multiples of ε₀ beyond which an answer in the loop counts as missed."""
 
 
 def physics_of(run: Run) -> dict[str, float]:
@@ -106,7 +104,7 @@ def last_answers(run: Run) -> Iterator[tuple[ContactQP, Vector]]:
 
 
 def _same_event(one: ContactQP, other: ContactQP) -> bool:
-    return (one.kind in STEPPING) == (other.kind in STEPPING)
+    return (one.kind in WARM_KINDS) == (other.kind in WARM_KINDS)
 
 
 def reach(run: Run) -> float:
@@ -114,7 +112,7 @@ def reach(run: Run) -> float:
     place = {float(t): i for i, t in enumerate(run.t)}
     farthest = 0.0
     for qp, x in last_answers(run):
-        if qp.kind in STEPPING and qp.t in place:
+        if qp.kind in WARM_KINDS and qp.t in place:
             gaps = loaded_gaps(run.scene, run.q[place[qp.t]], qp, x)
             farthest = max(farthest, float(gaps.max(initial=0.0)))
     return farthest
@@ -147,13 +145,13 @@ def signorini(run: Run) -> dict[str, float]:
     """Largest approach speed [m/s] and pull [N] of a step, and the work [J] pumped in by all."""
     approach = pull = pumped = 0.0
     for qp, x in last_answers(run):
-        normal = (qp.feature[:, 4] == 0) if qp.kind in STEPPING else np.ones(qp.k, bool)
+        normal = (qp.feature[:, 4] == 0) if qp.kind in WARM_KINDS else np.ones(qp.k, bool)
         if not normal.any():
             continue
         speed = qp.h / qp.alpha0 * qp.gradient(x)[normal]
         force = x[normal]
         approach = max(approach, -float(speed.min()))
-        if qp.kind in STEPPING:
+        if qp.kind in WARM_KINDS:
             pull = max(pull, -float(force.min()))
         pumped += qp.h * float(np.maximum(force, 0.0) @ np.maximum(speed, 0.0))
     return {"approach": approach, "pull": pull, "pumped": pumped}
@@ -202,7 +200,7 @@ def accuracy_of_answers(run: Run) -> dict[str, float]:
     eps0_ratio, eps0_ratio_median, glambda_error : largest and median over the QPs of time steps,
         and the largest relative to the scale
     impulse_ratio : largest over the impulses, relative to their eps0
-    missed : answers beyond `MISSED_BEYOND` ε₀ that the solver calls solved
+    missed : answers beyond `VERIFIED_WITHIN` ε₀ that the solver calls solved
     rank_deficient : share of the QPs of time steps whose λ is not unique
 
     QPs of kind minimum_norm are not looked at: they do not change A x.
@@ -213,8 +211,8 @@ def accuracy_of_answers(run: Run) -> dict[str, float]:
         if qp.kind == "minimum_norm" or qp.k == 0:
             continue
         error = float(np.linalg.norm(qp.A @ (np.asarray(solution.x) - exact(qp))))
-        missed += solution.found and error > MISSED_BEYOND * qp.eps0
-        if qp.kind in STEPPING:
+        missed += solution.found and error > VERIFIED_WITHIN * qp.eps0
+        if qp.kind in WARM_KINDS:
             facts = facts_of(qp)
             steps.append(error / qp.eps0)
             relative = max(relative, error / facts.scale)

@@ -18,7 +18,7 @@ import numpy as np
 from problems.qp import ContactQP, Solution, Status
 
 WARM_KINDS = ("step", "iteration", "corrector")
-"""Kinds of QP that follow one another smoothly enough for a warm start."""
+"""Kinds of QP that end a step; they follow one another smoothly enough for a warm start."""
 
 
 class SolvesQPs(Protocol):

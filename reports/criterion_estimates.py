@@ -17,6 +17,7 @@ import pandas as pd
 
 from harness.accuracy import SAFETY, SOLVERS, STARTS
 from harness.examination import Examination
+from harness.in_loop import METHOD
 from reports.findings import join
 from reports.table import Table, percent, short, whole
 
@@ -245,7 +246,7 @@ def directions_table(examination: Examination) -> Table:
     ages = {"any": (-1, 10**9), "0": (0, 0), **AGES, "1–5": (1, 5)}
     rows = []
     for solver in SOLVERS:
-        names = ["any"] if solver == "lotstedt" else ["0", "1–5", "6–20", "> 20"]
+        names = ["any"] if solver == METHOD else ["0", "1–5", "6–20", "> 20"]
         for name in names:
             row: dict[str, Any] = {"solver": solver, "age of R": name}
             own, loose = (
@@ -280,7 +281,7 @@ _DIRECTIONS = {"0": (0, 0), "1": (1, 1), "2": (2, 2), "≥ 3": (3, 10**9)}
 
 def _direction_notes(asked: pd.DataFrame) -> list[str]:
     """What is known of several directions on an old R, and how much of it was provoked."""
-    kept = asked[(asked["solver"] != "lotstedt") & (asked["age"] > 0) & (asked["directions"] > 1)]
+    kept = asked[(asked["solver"] != METHOD) & (asked["age"] > 0) & (asked["directions"] > 1)]
     if kept.empty:
         return ["No QP took several directions on an old R."]
     usual = kept["start"].isin(["cold", "warm"])

@@ -24,6 +24,7 @@ from rich.console import Console
 from harness.growth import FAR, FIT_FROM, STEP, STEPS, exponent, usable
 from harness.machine import machine_label
 from reports.findings import join
+from reports.results import METHOD
 from reports.style import (
     BLUE,
     GREEN,
@@ -44,9 +45,8 @@ from reports.table import Table, percent, print_tables, short, times, whole, wri
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-OURS = "lotstedt"
 LOOKS = {
-    OURS: (VERMILLION, "o"),
+    METHOD: (VERMILLION, "o"),
     "clarabel": (BLUE, "s"),
     "daqp": (GREEN, "^"),
     "highs": (ORANGE, "D"),
@@ -113,9 +113,9 @@ def ratios_table(points: pd.DataFrame) -> Table:
     good = usable(points)
     rows = []
     for (_, bodies), part in good.groupby(["family", "bodies"], sort=False):
-        ours = part[part["solver"] == OURS]
+        ours = part[part["solver"] == METHOD]
         # variants of the paper's method are not others
-        others = part[~part["solver"].str.startswith(OURS)]
+        others = part[~part["solver"].str.startswith(METHOD)]
         if not len(ours) or not len(others):
             continue
         best, mine = others.loc[others["runtime"].idxmin()], ours.iloc[0]
@@ -123,25 +123,25 @@ def ratios_table(points: pd.DataFrame) -> Table:
         rows.append(
             {
                 "family": mine["family"], "bodies": bodies, "k": mine["k"],
-                OURS: mine["runtime"], "best other": best["solver"], "its time": best["runtime"],
+                METHOD: mine["runtime"], "best other": best["solver"], "its time": best["runtime"],
                 "ratio": ratio,
                 "ratio of calls": others["call_time"].min() / mine["call_time"],
             }
         )  # fmt: skip
-    columns = ["family", "bodies", "k", OURS, "best other", "its time", "ratio", "ratio of calls"]
+    columns = ["family", "bodies", "k", METHOD, "best other", "its time", "ratio", "ratio of calls"]
     data = pd.DataFrame(rows, columns=columns)
     return Table(
         name="growth_ratios",
         title="The paper's method and the fastest other backend",
         reading=(
-            f"ratio is the time of the fastest other backend over that of {OURS}, among those "
+            f"ratio is the time of the fastest other backend over that of {METHOD}, among those "
             "whose every answer is verified: above 1, the paper's method is faster. ratio of "
             "calls is the same with what it takes to pose the QP, and may have another backend "
             "for best."
         ),
         data=data,
         formats={
-            "bodies": whole, "k": whole, OURS: duration, "its time": duration,
+            "bodies": whole, "k": whole, METHOD: duration, "its time": duration,
             "ratio": times, "ratio of calls": times,
         },
         notes=_ratio_notes(data),
@@ -262,7 +262,7 @@ def _panel(axes: Axes, part: pd.DataFrame, looks: dict[str, tuple[str, str]]) ->
         if not len(own):
             continue
         k, time = own["k"].to_numpy(float), own["runtime"].to_numpy(float)
-        wide = solver == OURS
+        wide = solver == METHOD
         axes.plot(
             k, time, color=colour, marker=marker, markersize=5 if wide else 3.8,
             linewidth=2.0 if wide else 1.0, zorder=4 if wide else 3, label=solver,

@@ -23,16 +23,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-SETTINGS = ("paper", "high", "default")
-"""Accuracies asked, the one that headlines are drawn from first."""
-
-ARMS = ("cold", "warm")
+from harness.facts import SETTINGS
+from harness.in_loop import METHOD
+from harness.starts import ARMS
 
 FORMS = ("normal", "residual", "velocity")
 """Forms in which a package is posed the QP, in campaigns as `name[form]`."""
-
-METHOD = "lotstedt"
-"""The paper's method; its variants are called `lotstedt[variant]`."""
 
 COLUMNS = (
     "problem",

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from harness.facts import RANK_COLUMNS, UNKNOWN
+from harness.facts import UNKNOWN, rank_of
 from reports.comparison import SHIFT, TIME_LIMIT, Comparison, compare, shifted_geometric_mean
 from reports.intervals import SURE, geometric_mean
 from reports.results import ARMS, METHOD, Results, is_method, solver_order
@@ -61,16 +61,9 @@ def qps_of(results: Results, scene: str) -> pd.DataFrame:
                 name: [getattr(qp, name) for qp in qps]
                 for name in ("kind", "accepted", "restart", "t", "m", "k")
             },
-            "rank": [_rank(qp.dense_A) if qp.k <= RANK_COLUMNS else UNKNOWN for qp in qps],
+            "rank": [rank_of(qp) for qp in qps],
         }
     )
-
-
-def _rank(A: Any) -> int:
-    if 0 in A.shape:
-        return 0
-    sizes = np.linalg.svd(A, compute_uv=False)
-    return int((sizes > 1e-10 * sizes[0]).sum())
 
 
 def _scene_row(results: Results, scene: str) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -26,6 +27,19 @@ def scene_run(name: str, **parameters: float) -> Run:
 def scene_recording(name: str) -> Recording:
     """The recording of a scene, with references."""
     return recording_of(scene_run(name), "lotstedt")
+
+
+@cache
+def short_recording(name: str, length: int) -> Recording:
+    """The first QPs of a scene."""
+    whole = scene_recording(name)
+    return replace(
+        whole,
+        qps=whole.qps[:length],
+        solutions=whole.solutions[:length],
+        references=whole.references[:length],
+        mu=whole.mu[:length],
+    )
 
 
 def leaning_box(

@@ -27,7 +27,7 @@ from harness.factor_rules import (
     sequence,
 )
 from harness.record import recording_of
-from harness.recording import Recording, read_recording, write_recording
+from harness.recording import read_recording, write_recording
 from harness.unit_times import PARTS, fit_unit_times
 from problems import scene, simulate
 from problems.qp import ContactQP
@@ -35,7 +35,7 @@ from reports.criterion_report import tables_of, write_criterion
 from solvers import make_solver
 from solvers.active_set.flops import qr_flops
 from tests.fake_recordings import fake_recording
-from tests.runs import scene_recording
+from tests.runs import short_recording
 
 COUNTED = ["age", "descent_directions", "qr_factorizations", "cg_iterations", "flops", "m", "f"]
 
@@ -162,19 +162,6 @@ def test_the_bound_grows_slowly_while_the_condition_is_near_1() -> None:
 
 
 # Runs
-
-
-@cache
-def short_recording(name: str, length: int) -> Recording:
-    """The first QPs of a scene."""
-    whole = scene_recording(name)
-    return replace(
-        whole,
-        qps=whole.qps[:length],
-        solutions=whole.solutions[:length],
-        references=whole.references[:length],
-        mu=whole.mu[:length],
-    )
 
 
 @cache

@@ -34,20 +34,7 @@ from reports.criterion_report import examination_tables
 from reports.table import Table
 from solvers import make_solver
 from tests.fake_recordings import fake_recording, solution_of
-from tests.runs import scene_recording
-
-
-@cache
-def short_recording(name: str, length: int) -> Recording:
-    """The first QPs of a scene."""
-    whole = scene_recording(name)
-    return replace(
-        whole,
-        qps=whole.qps[:length],
-        solutions=whole.solutions[:length],
-        references=whole.references[:length],
-        mu=whole.mu[:length],
-    )
+from tests.runs import scene_recording, short_recording
 
 
 @cache
