@@ -15,7 +15,6 @@ import pandas as pd
 
 from harness.error_bound import error_bound
 from harness.facts import Facts, facts_of
-from harness.proof import prove
 from harness.record import Progress
 from harness.recording import Recording
 from problems.qp import Vector, positions_of
@@ -102,26 +101,6 @@ def certificates(
                 }
             )
     return pd.DataFrame(rows, columns=COLUMNS)
-
-
-def false_references(recording: Recording, progress: Progress | None = None) -> list[int]:
-    """QPs whose reference is said to be exact and cannot be proved again, as a forged one cannot.
-
-    A x* is unique, and so is the float64 nearest to each entry: the proof gives the same bits from
-    any x.
-    """
-    found = []
-    for step, (qp, known) in enumerate(zip(recording.qps, recording.references, strict=True)):
-        if progress is not None and step % 50 == 0:
-            progress(f"proofs of {recording.scene}", step, len(recording.qps))
-        if known is None or known.proof != "exact":
-            continue
-        proof = prove(qp, known.x)
-        if proof is None or not (
-            np.array_equal(proof.Ax, known.Ax) and known.error_bound >= proof.radius
-        ):
-            found.append(step)
-    return found
 
 
 COLUMNS = (

@@ -36,8 +36,6 @@ from problems.forces import SpringDamper
 from problems.qp import Vector
 from problems.sequence import SolvesQPs
 
-ALPHA0 = {1: 1.0, 2: 1.5}
-"""α₀ of BDF-r with constant steps."""
 CORNERS = ((0.0, 0.0), (0.0, 4.0))
 """(D, K) with a double root of size 1."""
 STEP = 1e-2

@@ -239,10 +239,6 @@ class ConstraintGraph:
         """J_N in the order of row_id."""
         return self.active_set().normals
 
-    def active_frictions(self) -> list[Friction]:
-        """J_F = J_FO ∪ J_FW in the order of row_id."""
-        return self.active_set().frictions
-
     def active_set(self) -> ActiveSet:
         """Both, with their arrays; made anew when a constraint comes, goes or is handed over."""
         if self._active is None:

@@ -72,11 +72,6 @@ class Comparison:
         """The compared solvers, the paper's method and its variants first."""
         return sorted(self.rows["solver"].unique(), key=solver_order)
 
-    def charged(self) -> pd.DataFrame:
-        """Charged times [s]: one row per common QP, one column per solver."""
-        table = self.rows.pivot(index="problem", columns="solver", values="charged")
-        return table[self.solvers]
-
     def summary(self) -> pd.DataFrame:
         """`summarise` of its rows, by the median."""
         return summarise(self.rows)

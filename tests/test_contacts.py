@@ -139,7 +139,7 @@ def test_edge_to_edge_is_two_normals_and_one_friction():
     assert g.insert(pose, 3, 1, 0) is None, "coincides with corner 4"
     assert g.insert(pose, 2, 1, 0) is None
     assert len(g.active()) == 2
-    assert len(g.active_frictions()) == 1
+    assert len(g.active_set().frictions) == 1
     assembly = Assembly(g, FLUSH)
     np.testing.assert_array_equal(assembly.members.toarray(), [[1, 1]])
     assert assembly.G_N.shape == (6, 2)

@@ -66,10 +66,10 @@ def test_quiet_steps_are_those_of_the_stepper(name, parameters, until):
 )
 def test_quiet_steps_obey_the_options(name, parameters, until, options):
     kept, left = both(name, parameters, until=until, **options)
-    if options.get("impulses") == "newton_coulomb":
-        # a collision with redundant contacts takes a few passes more or less, as rounding has it
-        left.counts["qps"] = kept.counts["qps"]
-    assert left.counts == kept.counts
+    # a collision with redundant contacts takes a few passes more or less, as rounding has it
+    passes = 2 if options.get("impulses") == "newton_coulomb" else 0
+    posed = pytest.approx(kept.counts["qps"], abs=passes * kept.counts["impulses"])
+    assert left.counts == kept.counts | {"qps": posed}
     np.testing.assert_allclose(left.q, kept.q, rtol=0, atol=SAME)
 
 

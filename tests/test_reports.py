@@ -201,7 +201,7 @@ def test_unverified_rows_are_charged_the_limit():
         verdict=lambda *key: "verified" if key[-1] == 0 else "claimed_wrong",
     )
     comparison = compare(prepare(rows), "fig2", "paper", "cold")
-    assert comparison.charged()["daqp"].tolist() == [1e-6, TIME_LIMIT]
+    assert comparison.rows["charged"].tolist() == [1e-6, TIME_LIMIT]
     summary = comparison.summary().loc["daqp"]
     assert summary["median"] == 1e-6
     assert summary["verified"] == 0.5
