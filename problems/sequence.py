@@ -11,6 +11,8 @@ continue (`chain`), because from a cold start their search takes longer than all
 
 from __future__ import annotations
 
+import traceback
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -77,9 +79,10 @@ class QPSequence:
         if start is not None and not solution.found and not near:
             solution = self._ask(qp, None)
         if solution.x is None:
+            said = solution.status_text or solution.status.value
             raise SimulationError(
                 f"t = {qp.t:.6g}: the solver gave no answer to a {qp.kind} QP with {qp.k} columns "
-                f"({solution.status.name.lower()}: {solution.status_text or solution.status.value})"
+                f"({solution.status.name.lower()}: {said}); try another solver"
             )
         self.count += 1
         if self.keep:
@@ -98,7 +101,9 @@ class QPSequence:
         try:
             solution = self.solver.solve(qp, start)
         except Exception as error:
-            raise _crime(qp, f"raised {type(error).__name__}: {error}") from error
+            where = traceback.extract_tb(error.__traceback__)[-1]
+            place = f"{Path(where.filename).name}, line {where.lineno}"
+            raise _crime(qp, f"raised {type(error).__name__}: {error} ({place})") from error
         if not isinstance(solution, Solution):
             raise _crime(qp, f"returned {type(solution).__name__}, not a Solution")
         x = solution.x
@@ -115,4 +120,7 @@ class QPSequence:
 
 
 def _crime(qp: ContactQP, what: str) -> SimulationError:
-    return SimulationError(f"t = {qp.t:.6g}: a {qp.kind} QP with {qp.k} columns: the solver {what}")
+    return SimulationError(
+        f"t = {qp.t:.6g}: a {qp.kind} QP with {qp.k} columns: the solver {what}; "
+        "try another solver, or mend this one"
+    )

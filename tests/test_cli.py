@@ -16,10 +16,12 @@ from typing import Any
 import h5py
 import pandas as pd
 import pytest
+import typer
 from typer.testing import CliRunner
 
 from harness import study
 from harness.cli import app
+from harness.cli.app import told
 from harness.expected_misses import Expected
 from harness.recording import read_recording, write_recording
 from harness.store import read_results
@@ -28,6 +30,8 @@ from tests.crooked import CROOKED
 from tests.fake_recordings import fake_recording
 
 ROOT = Path(__file__).parents[1]
+KEPT = "; what was finished is kept"
+CONTINUES = f"{KEPT}: the same command continues"
 FAST = "lotstedt,scipy_bvls"
 runner = CliRunner()
 
@@ -265,6 +269,28 @@ def test_ctrl_c_promises_what_is_true(
     assert result.exit_code == 130
     assert "what was finished is kept" in result.stderr
     assert ("the same command continues" in result.stderr) == continues
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "promise"),
+    [
+        ("replay", {"output": Path("results")}, CONTINUES),
+        ("verify", {"output": Path("results")}, CONTINUES),
+        ("verify", {"output": None}, ""),
+        ("stretch", {"output": Path("recordings")}, KEPT),
+        ("simulate", {}, ""),
+    ],
+)
+def test_every_command_promises_what_is_true(
+    name: str, options: dict[str, object], promise: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def command(**options: object) -> None:
+        raise KeyboardInterrupt
+
+    command.__name__ = name
+    with pytest.raises(typer.Exit):
+        told(command)(**options)
+    assert capsys.readouterr().err == f"\ninterrupted{promise}\n"
 
 
 def test_an_absent_solver_is_bad_input(fig3: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -34,8 +34,10 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-RESUMED = ("replay", "growth", "closed_loop", "peers", "study")
-"""Commands that continue from their results folder after Ctrl-C."""
+RESUMED = ("replay", "verify", "growth", "closed_loop", "peers", "study")
+"""Commands that continue from their results folder, where they were given one, after Ctrl-C."""
+WRITES_EACH = ("record", "stretch")
+"""Commands that have written some of their files by then, and begin anew."""
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 Files = Annotated[list[Path], typer.Argument(metavar="FILE...", help="recordings (.h5)")]
@@ -107,8 +109,11 @@ def told(command: Command) -> Command:
                 raise
             _give_up(error, 1)
         except KeyboardInterrupt:
-            goes_on = ": the same command continues" if command.__name__ in RESUMED else ""
-            typer.echo(f"\ninterrupted; what was finished is kept{goes_on}", err=True)
+            resumed = command.__name__ in RESUMED and options.get("output", ...) is not None
+            kept = resumed or command.__name__ in WRITES_EACH
+            said = "; what was finished is kept" if kept else ""
+            said += ": the same command continues" if resumed else ""
+            typer.echo(f"\ninterrupted{said}", err=True)
             raise typer.Exit(130) from None
 
     return run  # type: ignore[return-value]

@@ -1,4 +1,4 @@
-"""`glambda criterion | growth`: the paper's method under the lens."""
+"""`glambda criterion | growth | stability`: the paper's methods under the lens."""
 
 from __future__ import annotations
 
