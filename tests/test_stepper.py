@@ -1,7 +1,9 @@
 """Algorithm 1: orders, events, laws of the motion, and the paper's figures."""
 
+import re
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from problems import scene, simulate
 from problems.bodies import box
 from problems.forces import Impulse, Load
 from problems.qp import Solution, Status
+from problems.run import EVENT_KINDS
 from problems.scenes import Scene
 from problems.sequence import SimulationError
 from solvers import make_solver
@@ -338,6 +341,13 @@ def test_everything_that_was_posed_is_kept():
     assert rows["body"].unique().tolist() == [1, 2, 3]
     assert (np.diff(run.t) >= 0).all()
     assert run.t.size >= run.counts["steps"]
+
+
+def test_the_kinds_of_event_that_are_listed_are_those_that_are_logged():
+    sources = Path(__file__).parents[1].joinpath("problems").glob("*.py")
+    logged = (re.findall(r'_log\(\s*"(\w+)"', source.read_text("utf-8")) for source in sources)
+    assert {kind for kinds in logged for kind in kinds} == set(EVENT_KINDS)
+    assert {event.kind for event in scene_run("fig4").event_log} <= set(EVENT_KINDS)
 
 
 def test_two_runs_are_identical():
