@@ -103,8 +103,9 @@ update a factorization; begin with x extrapolated from two QPs."""
 SOLVED, INACCURATE, OUT_OF_PASSES = 0, 1, 2
 """What row COUNTS holds at STATUS."""
 AT_LOWER, FREE, AT_UPPER, PASSIVE = -1, 0, 1, 2
-ENTERED, BOUNCED, DISMISSED = 1, 2, 4
-"""Bits of row MARK: entered F since A x last moved; thrown back since; not worth freeing."""
+ENTERED, BOUNCED, DISMISSED, NOW_IN_F = 1, 2, 4, 8
+"""Bits of row MARK: entered F since A x last moved; thrown back since; not worth freeing; in F,
+while step 8 looks for who enters."""
 
 
 @kernel
@@ -545,7 +546,7 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
 
     A : (m, k) C order; d (m,); lower, upper, row_id (k,)
     S, I : a `Workspace` of at least this size, with the memory of the previous solve
-    eps0 : accuracy in ‖A δx‖ (3.13), negative for the default of `method`
+    eps0 : accuracy in ‖A δx‖ (3.13), negative for 1e-9 of the largest |b_jᵀ d|, ‖b_j‖ = 1
     mode : the bits above
 
     x, the working set, the counts and the status are left in the workspace.
@@ -644,13 +645,13 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
             continue
         left, worst, entering = slope, 0.0, -1  # 8.
         for c in range(f):
-            I[MARK, I[F, c]] |= 8
+            I[MARK, I[F, c]] |= NOW_IN_F
         for j in range(k):
             wrong = wrong_sign(S, j)
             left = max(left, wrong)
-            if wrong > worst and not I[MARK, j] & (BOUNCED | DISMISSED | 8):
+            if wrong > worst and not I[MARK, j] & (BOUNCED | DISMISSED | NOW_IN_F):
                 worst, entering = wrong, j
-            I[MARK, j] &= 7
+            I[MARK, j] &= ~NOW_IN_F
         if worst <= rounding:  # 9.
             S[REALS, WRONG] = left
             exact = fresh and (refining < inf or f == 0)

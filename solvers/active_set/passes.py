@@ -78,7 +78,7 @@ def friction_passes(
 
     There are 0 passes where they do not settle, or a QP is not solved.
 
-    frictions : `problems.quiet.Frictions`;  D, forces, b : (m,)
+    frictions : `problems.active_kernels.Frictions`;  D, forces, b : (m,)
     columns : g_N (N, 6) and their bodies (N, 2);  layout, tangents : those of the QP and of g_F
     lam_star : (N,) of the first pass
     stop : passes at most; the change of ‖q̇‖_M that another may make; ε₀ of a QP; whether it is the

@@ -62,7 +62,7 @@ def solve_settled(A, d, lower, upper, row_id, S, I, rounding_unit):
     mp = (m + LANES - 1) // LANES * LANES
     B0, G0 = N_FLOAT_ROWS, N_FLOAT_ROWS + S.shape[1]
     x, r, sizes, g, p = S[Z], S[RESIDUAL], S[SIZES], S[GRADIENT], S[P]
-    old_x, length, pad, free = S[X], S[LENGTH], S[FRESH], I[F]
+    old_x, squares, pad, free = S[X], S[LENGTH], S[FRESH], I[F]  # squares of lengths, of F
     f = 0
     for j in range(k):
         b = S[B0 + j]
@@ -116,7 +116,7 @@ def solve_settled(A, d, lower, upper, row_id, S, I, rounding_unit):
                 along += b[i] * r[i]
                 size += b[i] * b[i]
             g[c] = along
-            length[c] = size
+            squares[c] = size
             if size > 0.0:
                 slope += along * along / size
         slope = sqrt(slope)
@@ -136,7 +136,7 @@ def solve_settled(A, d, lower, upper, row_id, S, I, rounding_unit):
                         along += b[i] * other[i]
                     row[e] = along
                 # row c of L, times D on the way
-                pivot = length[c]
+                pivot = squares[c]
                 for e in range(c):
                     before, value = S[G0 + e], row[e]
                     for a in range(e):
@@ -146,7 +146,7 @@ def solve_settled(A, d, lower, upper, row_id, S, I, rounding_unit):
                     value = row[e]
                     row[e] = value * p[e]  # p holds 1/D until the solve
                     pivot -= value * row[e]
-                if pivot <= LEAST_PIVOT * length[c] or not pivot > 0.0:
+                if pivot <= LEAST_PIVOT * squares[c] or not pivot > 0.0:
                     return False
                 p[c] = 1.0 / pivot
                 row[c] = p[c]

@@ -353,7 +353,7 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
     data : of A (m, k) by columns;  d (m,);  lower, upper, row_id (k,)
     pattern, Bx, Lx, S, I : of a `SparseWorkspace`, with the memory of the previous solve
     kept : whether Lx holds an earlier L of this pattern
-    eps0 : accuracy in ‖A δx‖ (3.13), negative for the default of `method`
+    eps0 : accuracy in ‖A δx‖ (3.13), negative for 1e-9 of the largest |b_jᵀ d|, ‖b_j‖ = 1
     mode : bits of `loop`, and TODAYS_A; SETTLED is for small QPs
     """
     pattern, Bx, Lx, S, I = lent(pattern), lent(Bx), lent(Lx), lent(S), lent(I)

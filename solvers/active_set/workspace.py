@@ -2,12 +2,12 @@
 
 Few arrays cross the boundary into compiled code, because each costs 50 ns there.  `S` (rows, n) and
 `I` (rows, n) hold everything that a solve needs and everything that the next one may use; n is at
-least m and k.  A vector is a row.  The matrices are rows of S too: column j of B, of W and of R are
-the rows B0(n) + j, W0(n) + j and R0(n) + j, so that a column is contiguous.
+least m and k.  A vector is a row.  The matrices are rows of S too, column after column, so that a
+column is contiguous; each has n rows from its first on:
 
-    B   A with columns of length 1
-    W   Householder vectors of today's A_F, zeros above their first entry
-    R   R of today's or an earlier A_F
+    B0 = N_FLOAT_ROWS          B   A with columns of length 1
+    W0 = N_FLOAT_ROWS + n      W   Householder vectors of today's A_F, zeros above their first entry
+    R0 = N_FLOAT_ROWS + 2 n    R   R of today's or an earlier A_F
 
 Rows of m entries are continued with zeros up to a multiple of `LANES`, and loops along them run
 that far: so that they are whole vector instructions even where m is 9.
