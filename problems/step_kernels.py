@@ -25,6 +25,11 @@ STOPPED = 0.01
 APPROACHING = 10.0
 """… and an active one that approaches faster than this was not what the QP says."""
 
+AJAR = 10.0
+"""A contact that is open by more than so many `contact_tol` is none any more, …"""
+OPENING = 0.01
+"""… if it opens faster than this, in `drop_tol`: less is what solvers leave of g_Nᵀq̇ = 0."""
+
 
 @kernel
 def path_end(q0, velocity, curvature, h, q=None):
@@ -85,6 +90,16 @@ def beyond_edge(along, length):
     """Whether corners (N,) or one corner, so far `along` their edges, are past an end of them."""
     slack = END_SLACK * length
     return (along < -slack) | (along > length + slack)
+
+
+@kernel
+def separates(gap, speed, drop_tol, contact_tol):
+    """Whether contacts (N,) or one contact, with g_Nᵀq̇ = `speed`, leave J_N (step 4).
+
+    One that opens slowly does once it is wide open: what presses it shut again must meet a gap.
+    """
+    ajar = (gap > AJAR * contact_tol) & (speed > OPENING * drop_tol)
+    return (speed > drop_tol) | ajar
 
 
 @kernel

@@ -11,7 +11,7 @@ from problems.events import Hit, SlideOff, approach_speed, successor, touching
 from problems.impulses import solve_impulse
 from problems.qp import Vector
 from problems.sequence import SimulationError
-from problems.step_kernels import APPROACHING
+from problems.step_kernels import APPROACHING, separates
 from problems.system import System
 from problems.velocity import VelocityStep
 
@@ -157,9 +157,11 @@ class Transitions(System):
     def _drop_separating(self, assembly: Assembly, speed: Vector) -> None:
         """Step 4: contacts with g_Nᵀq̇ > drop_tol, their `speed` (N,), leave J_N.
 
-        λ is not looked at: an interior-point method's is never exactly 0.
+        So do those that have opened slowly, but wide; see `separates`.  λ is not looked at: an
+        interior-point method's is never exactly 0.
         """
-        leaving = np.flatnonzero(speed > self.options.drop_tol)
+        tolerances = self.options.drop_tol, self.graph.geometry.contact_tol
+        leaving = np.flatnonzero(separates(assembly.columns.phi, speed, *tolerances))
         if leaving.size == 0:
             return
         geometry, pose = self.graph.geometry, self.graph.geometry.pose(self.q)

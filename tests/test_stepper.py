@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from problems import scene, simulate
-from problems.bodies import box
+from problems.bodies import box, polygon_body
 from problems.forces import Impulse, Load
 from problems.qp import Solution, Status
 from problems.run import EVENT_KINDS
@@ -238,6 +238,34 @@ def test_separating_bodies_are_dropped_without_restart():
     assert "drop" in {e.kind for e in run.event_log}
     assert run.counts["restarts"] == 1
     assert run.q[-1, 0, 1] > 0.5
+
+
+@pytest.mark.parametrize("keep", [True, False])
+def test_a_box_that_rose_slowly_is_pressed_back_to_the_ground(keep):
+    load = Load(0, (0, -1.0, 0), 20.0)
+    slow = one_box(v=(0, 9e-4, 0), gravity=0.0, forces=(load,), end_time=25.0)
+    run = simulate(slow, lotstedt(), keep_qps=keep)
+    assert run.q[np.searchsorted(run.t, 20.0), 0, 1] == pytest.approx(0.518), "it rises"
+    assert run.q[-1, 0, 1] == pytest.approx(0.5, abs=1e-6)
+
+
+@pytest.mark.parametrize("keep", [True, False])
+def test_a_wheel_that_rolls_slowly_stays_on_the_ground(keep):
+    corners, spin = 100, 0.005
+    angle = 2 * np.pi * (np.arange(corners) + 0.5) / corners - np.pi / 2
+    wheel = polygon_body(np.column_stack([np.cos(angle), np.sin(angle)]))
+    height = np.cos(np.pi / corners)
+    rolls = Scene(
+        bodies=(wheel,),
+        q0=[[0, height, 0]],
+        v0=[[spin * height, 0, -spin]],
+        gravity=0.0,
+        forces=(Load(0, (0, -1e-3, 0)),),
+        end_time=60.0,
+    )
+    run = simulate(rolls, lotstedt(), h_max=0.2, keep_qps=keep)
+    assert (run.q[:, 0, 1] >= height - 1e-4).all()
+    assert (run.q[:, 0, 1] <= 1 + 1e-4).all()
 
 
 # --- refusals ------------------------------------------------------------------------------------

@@ -79,6 +79,7 @@ from problems.step_kernels import (
     largest_motion,
     miss,
     path_end,
+    separates,
     sink_levels,
     stopping_lengths,
     ways,
@@ -191,16 +192,17 @@ def note_change(run, row_id, sense):
 
 
 @kernel
-def let_go(run, contacts, pose, clearance, speed, leaving):
+def let_go(run, contacts, pose, clearance, gap, speed, leaving):
     """Whether contacts that separate can be dropped here; `leaving` (N,) says which do.
 
     As `Transitions._drop_separating`: those behind a tip stay, and are looked at by the stepper.
 
-    pose, clearance : `place_corners` and the `clearances` of all candidates;  speed : (N,) g_Nᵀq̇
+    pose, clearance : `place_corners` and the `clearances` of all candidates
+    gap, speed : (N,) φ and g_Nᵀq̇
     """
     edges = run.shapes.part_body, run.shapes.edge_normal, run.shapes.edge_offset
     for j in range(speed.size):
-        leaving[j] = speed[j] > run.reals[DROP_TOL]
+        leaving[j] = separates(gap[j], speed[j], run.reals[DROP_TOL], run.reals[CONTACT_TOL])
     which = np.flatnonzero(leaving)
     at = np.empty(which.size, dtype=np.int64)
     for n in range(which.size):
@@ -449,14 +451,15 @@ def steady_steps(run, contacts, frictions, leaving, S, I, eps0, mode):
         if run.stopped[:F].any() or passes > QUIET_PASSES:
             return mode
         speed = column_speeds(g_N, bodies, v, arena)
-        slowest, fastest = 0.0, 0.0
+        slowest, any_leaves = 0.0, False
         for j in range(N):
-            slowest, fastest = min(slowest, speed[j]), max(fastest, speed[j])
+            slowest = min(slowest, speed[j])
+            any_leaves |= separates(phi[j], speed[j], reals[DROP_TOL], reals[CONTACT_TOL])
         if fastest_body(D, v) <= reals[REST_SPEED] or slowest < -APPROACHING * reals[EPS]:
             return mode
-        if fastest > reals[DROP_TOL]:
+        if any_leaves:
             pose = points, centres, cosine, sine
-            if not let_go(run, contacts, pose, after, speed, leaving):
+            if not let_go(run, contacts, pose, after, phi, speed, leaving):
                 return mode
         let_slip(run, contacts, leaving, slip)
         if counts[CHANGES] > changes:
