@@ -169,6 +169,38 @@ class ConstraintGraph:
                     return True
         return False
 
+    def hit_edge(self, pose: Pose, corner: int, part: int) -> int:
+        """Edge of `part` that a corner at its boundary has hit; a seam is not in the way.
+
+        Where parts lie flush in a row and a body slides along it, the end of the next part touches
+        the body's tip: what it meets is not the side of that part but the edge that continues the
+        row, to `contact_tol`.
+        """
+        geometry, other = self.geometry, int(self.geometry.corner_part[corner])
+        one = np.array([corner]), np.array([part])
+        phi = geometry.distances(pose, *one)[0]
+        touched = np.flatnonzero(np.abs(phi) <= geometry.contact_tol).tolist()
+        if len(touched) > 1:
+            for edge in touched:
+                sunk = -geometry.depth_below(pose, part, edge, other)
+                if sunk <= geometry.contact_tol and self._slides_along(pose, corner, part, edge):
+                    return edge
+        return geometry.hit_edge(pose, corner, part)
+
+    def _slides_along(self, pose: Pose, corner: int, part: int, edge: int) -> bool:
+        """Whether an active contact of one of the two bodies with a third part is on this line."""
+        geometry = self.geometry
+        bodies = {int(geometry.corner_body[corner]), int(geometry.part_body[part])}
+        pair = self.pair_of(corner, part)
+        for contact in (c for body in bodies for c in self.of_body.get(body, ())):
+            if contact.pair == pair or not self._parallel(pose, contact, part, edge):
+                continue
+            at = np.array([normal.corner for normal in contact.normals])
+            phi = geometry.distances(pose, at, np.full(at.size, part))[:, edge]
+            if (np.abs(phi) <= geometry.contact_tol).any():
+                return True
+        return False
+
     def insert(self, pose: Pose, corner: int, part: int, edge: int) -> Normal | None:
         """Activate a constraint; None where an active contact makes it redundant."""
         if self.redundant(pose, corner, part, edge):

@@ -144,7 +144,7 @@ def first_hits(
             ref = float(level[i] if inside[i] and gap(end, level[i]) < 0 else floor[i])
             where = _crossing(partial(gap, ref=ref), start, end)
             pose = geometry.pose(path(where))
-            edge = geometry.hit_edge(pose, c, p)
+            edge = graph.hit_edge(pose, c, p)
             speed = approach_speed(geometry, pose, path.rate(where), c, p, edge)
             if speed < -slowest and not graph.redundant(pose, c, p, edge):
                 hits.append(Hit(where, c, p, edge))
@@ -242,7 +242,7 @@ def touching(graph: ConstraintGraph, q: Vector, v: Vector, slowest: float) -> li
     if there.size == 0:
         return []
     places = [
-        (c, p, geometry.hit_edge(pose, c, p))
+        (c, p, graph.hit_edge(pose, c, p))
         for c, p in zip(near.corner[there].tolist(), near.part[there].tolist(), strict=True)
     ]
     columns = geometry.columns_at(pose, np.array(places, dtype=np.int64).reshape(-1, 3))

@@ -268,6 +268,30 @@ def test_a_wheel_that_rolls_slowly_stays_on_the_ground(keep):
     assert (run.q[:, 0, 1] <= 1 + 1e-4).all()
 
 
+def flat(*ends):
+    """Corners of flush parts 1 m high, from end to end."""
+    return [np.array([(a, -0.5), (b, -0.5), (b, 0.5), (a, 0.5)]) for a, b in pairwise(ends)]
+
+
+@pytest.mark.parametrize("keep", [True, False])
+@pytest.mark.parametrize("mu", [0.0, 0.1])
+@pytest.mark.parametrize("apart", [False, True])
+def test_a_seam_is_not_in_the_way_of_a_box_that_slides(apart, mu, keep):
+    table = (box(2, 1, 1e6),) * 2 if apart else (polygon_body(flat(-2, 0, 2), 1e6),)
+    below = [[-1, 0.5, 0], [1, 0.5, 0]] if apart else [[0, 0.5, 0]]
+    slides = Scene(
+        bodies=(*table, box(0.6, 0.3)),
+        q0=[*below, [-1.2, 1.15, 0]],
+        v0=[*np.zeros((len(table), 3)), [2.0, 0, 0]],
+        mu=mu,
+        end_time=1.0,
+    )
+    run = simulate(slides, lotstedt(), keep_qps=keep)
+    brake = mu * slides.gravity
+    np.testing.assert_allclose(run.q[-1, -1], [0.8 - brake / 2, 1.15, 0], rtol=0, atol=1e-3)
+    np.testing.assert_allclose(run.v[-1, -1], [2.0 - brake, 0, 0], rtol=0, atol=2e-3)
+
+
 # --- refusals ------------------------------------------------------------------------------------
 
 
