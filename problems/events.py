@@ -22,6 +22,7 @@ from problems.contacts import Columns, Geometry, Pose
 from problems.dips import dips, floors
 from problems.multistep import Path
 from problems.qp import Vector
+from problems.shapes import cross
 from problems.step_kernels import END_SLACK, arrive, beyond_edge, ends_inside, miss, ways
 
 SAME_TIME = 1e-9
@@ -145,8 +146,10 @@ def first_hits(
             where = _crossing(partial(gap, ref=ref), start, end)
             pose = geometry.pose(path(where))
             edge = graph.hit_edge(pose, c, p)
-            speed = approach_speed(geometry, pose, path.rate(where), c, p, edge)
-            if speed < -slowest and not graph.redundant(pose, c, p, edge):
+            v = path.rate(where)
+            speed = approach_speed(geometry, pose, v, c, p, edge)
+            spared = graph.redundant(pose, c, p, edge) or ends_a_slide(graph, pose, v, c, p, edge)
+            if speed < -slowest and not spared:
                 hits.append(Hit(where, c, p, edge))
                 break
     if not hits:
@@ -155,6 +158,39 @@ def first_hits(
     return sorted(
         (hit for hit in hits if hit.h <= first + SAME_TIME), key=lambda hit: (hit.corner, hit.part)
     )
+
+
+def ends_a_slide(
+    graph: ConstraintGraph, pose: Pose, v: Vector, corner: int, part: int, edge: int
+) -> bool:
+    """Whether a corner that reaches an edge is the end at which an active corner is to slide off.
+
+    With no drift the edge, which begins at the active corner, would be above the end until then,
+    unless the bodies turn towards each other.  A corner that has sunk in takes it below before:
+    by the slide, for the larger part, and not by the turn.
+    """
+    geometry, other = graph.geometry, int(graph.geometry.corner_part[corner])
+    tips = [
+        int(geometry.part_first[part]) + i % max(int(geometry.part_size[part]), 1)
+        for i in (edge, edge + 1)
+    ]
+    for contact in graph.of_pair.get(graph.pair_of(corner, part), ()):
+        for normal in contact.normals:
+            if normal.part != other or normal.corner not in tips:
+                continue
+            end = (corner - int(geometry.part_first[other]) - normal.edge) % int(
+                geometry.part_size[other]
+            )
+            if end > 1:
+                continue
+            places = np.array([normal.place, (corner, part, edge)])
+            columns = geometry.columns_at(pose, places)
+            slip = float(column_speeds(columns.tangent, columns.bodies, v)[0])
+            speed = float(column_speeds(columns.normal, columns.bodies, v)[1])
+            sine = abs(float(cross(*columns.direction)))
+            if columns.phi[0] < 0 and 2 * sine * (-slip if end else slip) < speed:
+                return True
+    return False
 
 
 def _crossing(gap: Callable[[float], float], start: float, end: float) -> float:

@@ -292,6 +292,23 @@ def test_a_seam_is_not_in_the_way_of_a_box_that_slides(apart, mu, keep):
     np.testing.assert_allclose(run.v[-1, -1], [2.0 - brake, 0, 0], rtol=0, atol=2e-3)
 
 
+@pytest.mark.parametrize("keep", [True, False])
+@pytest.mark.parametrize("eps", [1e-3, 3e-4])
+def test_a_corner_that_has_sunk_in_slides_off_without_a_collision(eps, keep):
+    rng = np.random.default_rng(853)
+    q = [rng.uniform(-0.8, 0.8), 1.8, rng.uniform(-0.9, 0.9)]
+    v = [rng.uniform(-2, 2), 0, rng.uniform(-2, 2)]
+    tilts = Scene(
+        bodies=(box(1, 1), box(1, 0.4)),
+        q0=[[0, 0.5, 0], q],
+        v0=[[0, 0, 0], v],
+        end_time=1.5,
+    )
+    run = simulate(tilts, lotstedt(), eps=eps, keep_qps=keep)
+    assert [e.kind for e in run.event_log if 0.6 < e.t < 0.8] == ["slide_off"]
+    assert run.q[-1, 1, 0] == pytest.approx(2.12234, abs=0.5 * eps), "the limit for small eps"
+
+
 # --- refusals ------------------------------------------------------------------------------------
 
 
