@@ -19,7 +19,8 @@ This differs from the paper, because the text leaves it open or the rule fails a
  2. t_* is refined from the inverse linear interpolation, collisions and slide-offs are located on
     the position polynomial before any QP is solved, and also where they are undone by the end of
     the step (`problems.dips`);
- 3. the threshold of step 4 is a parameter of its own, `drop_tol`, by default ε;
+ 3. the threshold of step 4 is a parameter of its own, `drop_tol`, by default ε; contacts that have
+    opened more slowly, but wide, are dropped too;
  4. with slip → stick, every contact that slips slower than ε sticks with it; with
     `stops="held"`, for contacts by the thousand, no step is cut there: what would stop within it
     may stick for all of it;
