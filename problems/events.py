@@ -167,7 +167,8 @@ def ends_a_slide(
 
     With no drift the edge, which begins at the active corner, would be above the end until then,
     unless the bodies turn towards each other.  A corner that has sunk in takes it below before:
-    by the slide, for the larger part, and not by the turn.
+    by the slide, for the larger part, and not by the turn.  One deeper than `contact_tol` would
+    have no `successor`.
     """
     geometry, other = graph.geometry, int(graph.geometry.corner_part[corner])
     tips = [
@@ -188,7 +189,8 @@ def ends_a_slide(
             slip = float(column_speeds(columns.tangent, columns.bodies, v)[0])
             speed = float(column_speeds(columns.normal, columns.bodies, v)[1])
             sine = abs(float(cross(*columns.direction)))
-            if columns.phi[0] < 0 and 2 * sine * (-slip if end else slip) < speed:
+            sunk = -geometry.contact_tol <= columns.phi[0] < 0
+            if sunk and 2 * sine * (-slip if end else slip) < speed:
                 return True
     return False
 
