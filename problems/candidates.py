@@ -28,7 +28,7 @@ class Candidates:
 
     def __init__(self, geometry: Geometry):
         self.geometry = geometry
-        shortest = geometry.contact_tol / CONTACT_TOL
+        shortest = float(geometry.contact_tol.min()) / CONTACT_TOL
         self.margin = shortest * next(m for most, m in MARGINS if geometry.n_bodies <= most)
         self.listed_at = np.full(3 * geometry.n_bodies, np.inf)
         self.corner, self.part = np.zeros(0, np.int64), np.zeros(0, np.int64)

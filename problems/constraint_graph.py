@@ -160,12 +160,13 @@ class ConstraintGraph:
         It does where one of its points coincides with the corner, or where two parallel constraints
         are active: an edge on an edge needs no more than its two ends.
         """
+        same = self.geometry.tolerance(corner, part)
         for contact in self.of_pair.get(self.pair_of(corner, part), ()):
             if len(contact.normals) == 2 and self._parallel(pose, contact, part, edge):
                 return True
             for normal in contact.normals:
                 gap = pose.corners[normal.corner] - pose.corners[corner]
-                if np.hypot(*gap) <= self.geometry.contact_tol:
+                if np.hypot(*gap) <= same:
                     return True
         return False
 
@@ -177,13 +178,13 @@ class ConstraintGraph:
         row, to `contact_tol`.
         """
         geometry, other = self.geometry, int(self.geometry.corner_part[corner])
-        one = np.array([corner]), np.array([part])
+        one, close = (np.array([corner]), np.array([part])), geometry.tolerance(corner, part)
         phi = geometry.distances(pose, *one)[0]
-        touched = np.flatnonzero(np.abs(phi) <= geometry.contact_tol).tolist()
+        touched = np.flatnonzero(np.abs(phi) <= close).tolist()
         if len(touched) > 1:
             for edge in touched:
                 sunk = -geometry.depth_below(pose, part, edge, other)
-                if sunk <= geometry.contact_tol and self._slides_along(pose, corner, part, edge):
+                if sunk <= close and self._slides_along(pose, corner, part, edge):
                     return edge
         return geometry.hit_edge(pose, corner, part)
 
@@ -195,9 +196,9 @@ class ConstraintGraph:
         for contact in (c for body in bodies for c in self.of_body.get(body, ())):
             if contact.pair == pair or not self._parallel(pose, contact, part, edge):
                 continue
-            at = np.array([normal.corner for normal in contact.normals])
-            phi = geometry.distances(pose, at, np.full(at.size, part))[:, edge]
-            if (np.abs(phi) <= geometry.contact_tol).any():
+            at = np.array([(normal.corner, part) for normal in contact.normals])
+            phi = geometry.distances(pose, *at.T)[:, edge]
+            if (np.abs(phi) <= geometry.tolerances(at)).any():
                 return True
         return False
 

@@ -41,8 +41,8 @@ from problems.qp import Indices, Vector
 from problems.shapes import cross, rotate_quarter
 
 CONTACT_TOL = 1e-3
-"""Corners this close to each other, in units of the shortest edge, are one point; edges this close
-to a corner may be the one that it hits."""
+"""Corners this close to each other, in units of the shortest edge of both, are one point; edges
+this close to a corner may be the one that it hits."""
 PARALLEL_SINE = 0.02
 """Two edges whose directions differ by less than this sine touch edge to edge."""
 
@@ -95,6 +95,8 @@ class Geometry:
 
     Corners are numbered through all bodies, parts likewise (the ground's half planes last), edges
     within their part; edge i of a part runs from its corner i to the next.
+
+    contact_tol : (parts,) `CONTACT_TOL` of the shortest edge [m], ∞ of a half plane
     """
 
     def __init__(self, bodies: Sequence[Body], ground: Sequence[HalfPlane]):
@@ -136,13 +138,22 @@ class Geometry:
             self.edge_origin[p, 0] = plane.point
             self.edge_length[p, 0] = np.inf
         self.edge_start = (rotate_quarter(self.edge_normal) * self.edge_origin).sum(axis=2)
-        finite = self.edge_length[np.isfinite(self.edge_length) & (self.edge_length > 0)]
-        self.contact_tol = CONTACT_TOL * (float(finite.min()) if finite.size else 1.0)
+        lengths = np.where(self.edge_length > 0, self.edge_length, np.inf)
+        self.contact_tol = CONTACT_TOL * lengths.min(axis=1)
         self.radius = np.array([body.radius for body in bodies])
         self.tables = (
             *(self.corner_body, self.corner_local, self.part_body),
             *(self.edge_normal, self.edge_offset, self.edge_start, self.edge_length),
         )
+
+    def tolerances(self, places: Indices) -> Vector:
+        """The lesser `contact_tol` of both parts [m], (N,), at places (N, 2 or 3) corner, part."""
+        own = self.contact_tol[self.corner_part[places[:, 0]]]
+        return np.minimum(own, self.contact_tol[places[:, 1]])
+
+    def tolerance(self, corner: int, part: int) -> float:
+        """That of one corner and part."""
+        return float(min(self.contact_tol[self.corner_part[corner]], self.contact_tol[part]))
 
     def pose(self, q: Vector) -> Pose:
         """Place everything at q (3n,)."""
@@ -195,7 +206,7 @@ class Geometry:
         side, is still on the first edge.
         """
         phi = self.distances(pose, np.array([corner]), np.array([part]))[0]
-        near = np.flatnonzero(phi >= phi.max() - self.contact_tol)
+        near = np.flatnonzero(phi >= phi.max() - self.tolerance(corner, part))
         if near.size == 1:
             return int(near[0])
         other = int(self.corner_part[corner])
@@ -227,13 +238,13 @@ class Geometry:
         number = corner - int(self.part_first[other])
         count = int(self.part_size[other])
         phi = self.distances(pose, np.array([taker]), np.array([other]))[0]
-        lines = [number, (number - 1) % count]
+        lines, wide = [number, (number - 1) % count], 2 * self.tolerance(corner, part)
         direction = self.direction(pose, part, edge)
         for line in lines:
             other_direction = self.direction(pose, other, line)
             opposite = float(direction @ other_direction) < 0
             parallel = abs(float(cross(direction, other_direction))) < PARALLEL_SINE
-            if opposite and parallel and abs(phi[line]) <= 2 * self.contact_tol:
+            if opposite and parallel and abs(phi[line]) <= wide:
                 offset = (pose.corners[taker] - pose.corners[corner]) @ other_direction
                 inward = offset if line == number else -offset
                 if inward >= 0:

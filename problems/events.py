@@ -189,7 +189,7 @@ def ends_a_slide(
             slip = float(column_speeds(columns.tangent, columns.bodies, v)[0])
             speed = float(column_speeds(columns.normal, columns.bodies, v)[1])
             sine = abs(float(cross(*columns.direction)))
-            sunk = -geometry.contact_tol <= columns.phi[0] < 0
+            sunk = -geometry.tolerance(corner, part) <= columns.phi[0] < 0
             if sunk and 2 * sine * (-slip if end else slip) < speed:
                 return True
     return False
@@ -262,7 +262,7 @@ def successor(geometry: Geometry, pose: Pose, normal: Normal) -> tuple[int, int,
     edges = (number, (number - 1) % int(geometry.part_size[other]))
     line = max(edges, key=lambda e: (geometry.depth_below(pose, other, e, part), -e))
     on = geometry.columns_at(pose, np.array([(taker, other, line)]))
-    touches = abs(on.phi[0]) <= geometry.contact_tol
+    touches = abs(on.phi[0]) <= geometry.tolerance(corner, part)
     return (taker, other, line) if touches and not beyond_edge(on.along, on.length)[0] else None
 
 
@@ -283,9 +283,10 @@ def touching(graph: ConstraintGraph, q: Vector, v: Vector, slowest: float) -> li
         (c, p, graph.hit_edge(pose, c, p))
         for c, p in zip(near.corner[there].tolist(), near.part[there].tolist(), strict=True)
     ]
-    columns = geometry.columns_at(pose, np.array(places, dtype=np.int64).reshape(-1, 3))
+    at = np.array(places, dtype=np.int64).reshape(-1, 3)
+    columns = geometry.columns_at(pose, at)
     approach = column_speeds(columns.normal, columns.bodies, v)
-    inside, inwards = _inwardness(geometry, columns, v)
+    inside, inwards = _inwardness(columns, geometry.tolerances(at), v)
     found = [
         ((-inside[i], -inwards[i]), Hit(0.0, *places[i]))
         for i in np.flatnonzero(approach < -slowest)
@@ -295,11 +296,11 @@ def touching(graph: ConstraintGraph, q: Vector, v: Vector, slowest: float) -> li
     return [hit for _, hit in found]
 
 
-def _inwardness(geometry: Geometry, columns: Columns, v: Vector) -> tuple[Vector, Vector]:
+def _inwardness(columns: Columns, tolerances: Vector, v: Vector) -> tuple[Vector, Vector]:
     """How far inside its edge each corner is, and how fast it moves inwards, in tolerances."""
     near_start = columns.along < columns.length / 2
     inside = np.where(near_start, columns.along, columns.length - columns.along)
     speed = column_speeds(columns.tangent, columns.bodies, v)
     endless = np.isinf(columns.length)
-    inside = np.where(endless, 0.0, np.round(inside / geometry.contact_tol))
+    inside = np.where(endless, 0.0, np.round(inside / tolerances))
     return inside, np.where(endless, 0.0, np.where(near_start, speed, -speed))

@@ -39,7 +39,7 @@ Q, V, V_BEFORE, A, A_BEFORE = range(5)
 # entries of `QuietSteps.reals`: the time, the last step and the one wished for [s] …
 TIME, H, WISH = range(3)
 # … and what the stepper is set to
-EPS, DROP_TOL, H_MAX, FIXED, REST_SPEED, UNTIL, REACH, CONTACT_TOL = range(3, 11)
+EPS, DROP_TOL, H_MAX, FIXED, REST_SPEED, UNTIL, REACH = range(3, 10)
 # entries of `QuietSteps.counts`: steps since the last restart, steps taken, QPs solved, those of
 # them that belong to steps taken or rejected, highest order, why there were no more, time points
 # with λ, passes of friction at most (1: lagged), steps rejected because their error turned out too
@@ -65,6 +65,7 @@ class Shapes(NamedTuple):
     edge_start: Vector
     edge_length: Vector
     radius: Vector
+    contact_tol: Vector
 
     @classmethod
     def of(cls, geometry: Geometry) -> Shapes:
@@ -174,7 +175,7 @@ class Quiet:
             [
                 *(0.0, 0.0, 0.0, options.eps, options.drop_tol, options.h_max),
                 *(options.fixed_step or 0.0, options.rest_speed, 0.0),
-                *(stepper.graph.candidates.margin / 2, stepper.graph.geometry.contact_tol),
+                stepper.graph.candidates.margin / 2,
             ]
         )
 

@@ -93,10 +93,17 @@ def beyond_edge(along, length):
 
 
 @kernel
+def contact_tolerance(contact_tol, corner_part, corner, part):
+    """The lesser `Geometry.contact_tol` of both parts [m]."""
+    return min(contact_tol[corner_part[corner]], contact_tol[part])
+
+
+@kernel
 def separates(gap, speed, drop_tol, contact_tol):
     """Whether contacts (N,) or one contact, with g_Nᵀq̇ = `speed`, leave J_N (step 4).
 
     One that opens slowly does once it is wide open: what presses it shut again must meet a gap.
+    contact_tol : (N,) or a number, see `contact_tolerance`
     """
     ajar = (gap > AJAR * contact_tol) & (speed > OPENING * drop_tol)
     return (speed > drop_tol) | ajar

@@ -144,7 +144,7 @@ class Stepper(Transitions):
         """
         geometry = self.graph.geometry
         pose = geometry.pose(self.q)
-        for pair in geometry.near_pairs(pose, geometry.contact_tol):
+        for pair in geometry.near_pairs(pose, PENETRATION_TOL):
             depth = geometry.penetration(pose, pair)
             if depth > PENETRATION_TOL:
                 names = [self._body_name(int(geometry.part_body[p])) for p in pair]

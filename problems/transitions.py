@@ -160,8 +160,10 @@ class Transitions(System):
         So do those that have opened slowly, but wide; see `separates`.  λ is not looked at: an
         interior-point method's is never exactly 0.
         """
-        tolerances = self.options.drop_tol, self.graph.geometry.contact_tol
-        leaving = np.flatnonzero(separates(assembly.columns.phi, speed, *tolerances))
+        wide = self.graph.geometry.tolerances(assembly.place)
+        leaving = np.flatnonzero(
+            separates(assembly.columns.phi, speed, self.options.drop_tol, wide)
+        )
         if leaving.size == 0:
             return
         geometry, pose = self.graph.geometry, self.graph.geometry.pose(self.q)

@@ -33,7 +33,7 @@ def deepest(made) -> float:
     """Depth [m] of the deepest overlap."""
     geometry = Geometry(made.bodies, made.ground)
     pose = geometry.pose(made.q0.ravel())
-    pairs = geometry.near_pairs(pose, geometry.contact_tol)
+    pairs = geometry.near_pairs(pose, 1e-3)
     return max((geometry.penetration(pose, pair) for pair in pairs), default=0.0)
 
 

@@ -309,6 +309,18 @@ def test_a_corner_that_has_sunk_in_slides_off_without_a_collision(eps, keep):
     assert run.q[-1, 1, 0] == pytest.approx(2.12234, abs=0.5 * eps), "the limit for small eps"
 
 
+def test_a_tiny_body_far_away_changes_nothing():
+    """What counts as the same point is of the two parts that meet, not of all."""
+    rng = np.random.default_rng(1954)
+    bodies = (box(1, 1), box(1, 0.5), box(1, 0.5), box(0.01, 0.01))
+    q = [[0, 0.5, 0], *([rng.uniform(-0.6, 0.6), y, rng.uniform(-0.5, 0.5)] for y in (1.6, 2.8))]
+    v = [[0, 0, 0], [rng.uniform(-1, 1), 0, rng.uniform(-1, 1)], [0, 0, 0]]
+    far, still = [[100.0, 0.005, 0.0]], [[0.0, 0.0, 0.0]]
+    alone = simulate(Scene(bodies[:3], q, v, end_time=2.0), lotstedt())
+    both = simulate(Scene(bodies, [*q, *far], [*v, *still], end_time=2.0), lotstedt())
+    np.testing.assert_allclose(both.q[-1, :3], alone.q[-1], rtol=0, atol=1e-6)
+
+
 # --- refusals ------------------------------------------------------------------------------------
 
 

@@ -41,7 +41,6 @@ from problems.quiet import (
     AGAIN,
     CHANGED,
     CHANGES,
-    CONTACT_TOL,
     COUNTED,
     CUTS,
     DROP_TOL,
@@ -74,6 +73,7 @@ from problems.quiet import (
 from problems.step_kernels import (
     APPROACHING,
     beyond_edge,
+    contact_tolerance,
     enters,
     fastest_body,
     largest_motion,
@@ -125,9 +125,10 @@ def rejected_length(state, reals, steps, order, redone, a, h, D):
 
 
 @kernel
-def covered(c, p, place, corner_part, corners, tolerance):
+def covered(c, p, place, shapes, corners):
     """Whether an active point of the same two parts coincides with corner c."""
-    own, x, y = corner_part[c], corners[c, 0], corners[c, 1]
+    corner_part, x, y = shapes.corner_part, corners[c, 0], corners[c, 1]
+    own, tolerance = corner_part[c], contact_tolerance(shapes.contact_tol, corner_part, c, p)
     for j in range(place.shape[0]):
         one, two = corner_part[place[j, 0]], place[j, 1]
         same = (one == own and two == p) or (one == p and two == own)
@@ -192,6 +193,12 @@ def note_change(run, row_id, sense):
 
 
 @kernel
+def wideness(shapes, place, j):
+    """`contact_tolerance` of active contact j."""
+    return contact_tolerance(shapes.contact_tol, shapes.corner_part, place[j, 0], place[j, 1])
+
+
+@kernel
 def let_go(run, contacts, pose, clearance, gap, speed, leaving):
     """Whether contacts that separate can be dropped here; `leaving` (N,) says which do.
 
@@ -202,7 +209,8 @@ def let_go(run, contacts, pose, clearance, gap, speed, leaving):
     """
     edges = run.shapes.part_body, run.shapes.edge_normal, run.shapes.edge_offset
     for j in range(speed.size):
-        leaving[j] = separates(gap[j], speed[j], run.reals[DROP_TOL], run.reals[CONTACT_TOL])
+        wide = wideness(run.shapes, contacts.place, j)
+        leaving[j] = separates(gap[j], speed[j], run.reals[DROP_TOL], wide)
     which = np.flatnonzero(leaving)
     at = np.empty(which.size, dtype=np.int64)
     for n in range(which.size):
@@ -346,7 +354,7 @@ def steady_steps(run, contacts, frictions, leaving, S, I, eps0, mode):
                 phis,
                 right,
                 left,
-            ) and not covered(c, p, place, shapes.corner_part, points, reals[CONTACT_TOL]):
+            ) and not covered(c, p, place, shapes, points):
                 return mode
         phi, g_N, g_F, bodies, _, along, length, _ = contact_columns(
             points,
@@ -454,7 +462,8 @@ def steady_steps(run, contacts, frictions, leaving, S, I, eps0, mode):
         slowest, any_leaves = 0.0, False
         for j in range(N):
             slowest = min(slowest, speed[j])
-            any_leaves |= separates(phi[j], speed[j], reals[DROP_TOL], reals[CONTACT_TOL])
+            wide = wideness(shapes, place, j)
+            any_leaves |= separates(phi[j], speed[j], reals[DROP_TOL], wide)
         if fastest_body(D, v) <= reals[REST_SPEED] or slowest < -APPROACHING * reals[EPS]:
             return mode
         if any_leaves:
