@@ -32,7 +32,7 @@ import numpy as np
 import pandas as pd
 import scipy.sparse as sp
 
-from harness.kept_recording import recording_in
+from harness.kept_recording import how_run, recording_in
 from harness.record import Progress, recording_of
 from harness.recording import Recording
 from harness.replay import replay
@@ -131,7 +131,7 @@ def sequence(folder: Path, family: str, bodies: int, progress: Progress | None =
         run = replace(run, qps=[_stored(qp) for qp in run.qps])
         return recording_of(run, "lotstedt", until=how["until"], progress=progress)
 
-    return recording_in(folder / "recordings", scene, how, make)
+    return recording_in(folder / "recordings", scene, how_run(scene, **how), make)
 
 
 def _stored(qp: ContactQP) -> ContactQP:

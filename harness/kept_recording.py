@@ -6,6 +6,7 @@ It is current if it was made by this version of the code from the same scene, ru
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,6 +14,7 @@ from harness.in_loop import METHOD
 from harness.record import code_version
 from harness.recording import Recording, RecordingError, read_recording, write_recording
 from harness.store import Store
+from problems.options import StepperOptions
 
 
 class Difference(NamedTuple):
@@ -31,8 +33,20 @@ def kept_recording(path: Path) -> Recording | None:
         return None
 
 
+def how_run(
+    scene: Any, eps: float | None = None, until: float | None = None, **options: Any
+) -> dict[str, Any]:
+    """{option: value} of a run with these settings of `problems.simulate`, defaults among them.
+
+    None stands for a default.  Raises ValueError for bad settings.
+    """
+    given = {name: value for name, value in options.items() if value is not None}
+    settings = StepperOptions.of(scene.eps if eps is None else eps, **given)
+    return {"until": float(scene.end_time if until is None else until), **asdict(settings)}
+
+
 def first_difference(recording: Recording, scene: Any, how: Mapping[str, Any]) -> Difference | None:
-    """Whether it is of another scene than this, or was run otherwise; how : {option: value}."""
+    """Whether it is of another scene than this, or was run otherwise; how : see `how_run`."""
     asked = {**scene.parameters, **{f"run.{name}": value for name, value in how.items()}}
     for name, value in asked.items():
         kept = recording.parameters.get(name)
@@ -49,7 +63,7 @@ def recording_in(
 ) -> Recording:
     """The recording by the paper's method from RESULTS/recordings, `folder`, or else by `make`.
 
-    how : options of the run that it must have, such as until, in which None stands for none
+    how : see `how_run`
 
     Raises StoreError where another recording of the scene is there.
     """

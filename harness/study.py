@@ -20,7 +20,7 @@ from typing import Any
 from harness.calibration import clock_facts
 from harness.cluster import replayer
 from harness.facts import SETTINGS
-from harness.kept_recording import recording_in
+from harness.kept_recording import how_run, recording_in
 from harness.machine import library_versions, machine, solver_version
 from harness.record import Progress, record
 from harness.recording import Recording
@@ -122,11 +122,10 @@ def record_into(
     """The recording of a scene by the paper's method, from `folder` if it is there and current."""
     name, parameters = parse_label(label)
     scene = make_scene(name, **parameters)
-    end = float(scene.end_time if until is None else until)
     return recording_in(
         folder,
         scene,
-        {"until": end, "eps": scene.eps, "fixed_step": None},
+        how_run(scene, until=until),
         lambda: record(scene, until=until, progress=progress),
     )
 

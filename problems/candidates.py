@@ -18,6 +18,7 @@ from problems.step_kernels import largest_motion, sink_levels
 MARGINS = ((8, 4.0), (30, 1.0), (np.inf, 0.25))
 """Up to so many bodies, the margin over the shortest edge: of few, to look at more candidates is
 cheaper than to list them more often."""
+NO_PLACES = np.zeros((0, 3), np.int64)
 
 
 class Candidates:
@@ -79,6 +80,12 @@ class Candidates:
         clearance : (L,) [m];  a level is forgotten once its corner is far outside.
         """
         sink_levels(clearance, self.free, self.level)
+
+    def take_as_touching(self, q: Vector, deepest: float) -> None:
+        """Give corners that are inside a part at q (3n,), by more than `deepest` [m], a level."""
+        self.cover(q, q, NO_PLACES)
+        clearance = self.geometry.clearance(self.geometry.pose(q), self.corner, self.part)
+        self.level = np.where(clearance < -deepest, clearance, self.level)
 
     def _list(self, q: Vector, margin: float) -> None:
         levels = self.levels()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -45,6 +45,15 @@ class StepperOptions:
     impulses: ImpulseRule = "paper"
     drift: DriftRule = "none"
     drift_time: float = DRIFT_TIME
+
+    @classmethod
+    def of(
+        cls, eps: float, drop_tol: float | None = None, rest_speed: float | None = None, **more: Any
+    ) -> StepperOptions:
+        """With the defaults that follow from ε where there is None."""
+        drop_tol = eps if drop_tol is None else drop_tol
+        rest_speed = 2 * eps if rest_speed is None else rest_speed
+        return cls(eps=eps, drop_tol=drop_tol, rest_speed=rest_speed, **more)
 
     def __post_init__(self) -> None:
         for name in ("eps", "drop_tol", "h_first", "h_max", "rest_speed", "drift_time"):

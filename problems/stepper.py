@@ -41,7 +41,7 @@ import numpy as np
 from problems.assembly import Assembly
 from problems.constraint_graph import Friction
 from problems.drift import DRIFT_TIME, DriftRule
-from problems.events import SAME_TIME, Arrival, Hit, SlideOff, look_ahead, touching
+from problems.events import SAME_TIME, TOUCH_TOL, Arrival, Hit, SlideOff, look_ahead, touching
 from problems.friction import FrictionRule
 from problems.impulses import ImpulseRule
 from problems.multistep import (
@@ -65,8 +65,6 @@ from problems.velocity import STUCK, VelocityStep
 
 MAX_TRIES = 60
 """Trials of one step before the simulation gives up."""
-PENETRATION_TOL = 1e-7
-"""Initial overlap of two parts that is still taken for contact [m]."""
 JAM_TRIALS = 2
 """Trials of a step in which the friction passes may fail to settle before contacts jam."""
 JAM_STEP = 1e-4
@@ -104,19 +102,18 @@ def simulate(
         to the solver where it can take them, see `problems.quiet`
     progress : called with t after every accepted step, or after some at once
 
-    Raises ValueError for bad settings or bodies that overlap at the start, `SimulationError` where
-    the simulation cannot go on.
+    Raises ValueError for bad settings or bodies that overlap at the start, see `Stepper.start`,
+    `SimulationError` where the simulation cannot go on.
     """
-    eps = scene.eps if eps is None else eps
-    options = StepperOptions(
-        eps=eps,
-        drop_tol=eps if drop_tol is None else drop_tol,
+    options = StepperOptions.of(
+        scene.eps if eps is None else eps,
+        drop_tol,
+        rest_speed,
         friction=friction,
         fixed_step=fixed_step,
         stops=stops,
         h_first=h_first,
         h_max=h_max,
-        rest_speed=2 * eps if rest_speed is None else rest_speed,
         order=order,
         impulses=impulses,
         drift=drift,
@@ -140,18 +137,26 @@ class Stepper(Transitions):
     def start(self) -> None:
         """J_N at t = 0, after the impulse that the initial velocities or F call for (§3.1).
 
-        Raises ValueError, with the pair and the depth, where parts overlap.
+        Where a scene begins with a state of another run, φ has drifted: what overlaps by no more
+        than the `contact_tol` of its parts touches.
+
+        Raises ValueError, with the pair and the depth, where parts overlap by more.
         """
         geometry = self.graph.geometry
         pose = geometry.pose(self.q)
-        for pair in geometry.near_pairs(pose, PENETRATION_TOL):
-            depth = geometry.penetration(pose, pair)
-            if depth > PENETRATION_TOL:
+        for pair in geometry.near_pairs(pose, 0.0):
+            depth, most = (
+                geometry.penetration(pose, pair),
+                float(geometry.contact_tol[[*pair]].min()),
+            )
+            if depth > most:
                 names = [self._body_name(int(geometry.part_body[p])) for p in pair]
                 raise ValueError(
                     f"scene {self.scene.name!r}: {names[0]} and {names[1]} overlap by "
-                    f"{depth:.3g} m at the start; move them apart"
+                    f"{depth:.3g} m at the start, and up to {most:.3g} m is taken for contact; "
+                    "move them apart"
                 )
+        self.graph.candidates.take_as_touching(self.q, TOUCH_TOL)
         for hit in touching(self.graph, self.q, self.history.v, -np.inf):
             self.graph.insert(pose, hit.corner, hit.part, hit.edge)
         self._record()

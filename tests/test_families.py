@@ -9,7 +9,7 @@ from problems.contacts import Geometry
 from problems.deposition import TRIALS, heap_positions
 from problems.events import TOUCH_TOL
 from problems.scenes.registry import FAMILIES, PAPER
-from problems.stepper import PENETRATION_TOL, Stepper, StepperOptions
+from problems.stepper import Stepper, StepperOptions
 from solvers import make_solver
 
 NAMES = tuple(FAMILIES)
@@ -52,7 +52,7 @@ def test_the_families_are_scenes_of_their_own_kind():
 def test_as_many_bodies_as_asked_for_none_of_which_overlap(name, bodies):
     made = scene(name, bodies=bodies)
     assert len(made.bodies) == bodies
-    assert deepest(made) <= PENETRATION_TOL / 10
+    assert deepest(made) <= TOUCH_TOL / 10
     assert made.label == (f"{name},bodies={bodies}")
 
 

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from harness.kept_recording import first_difference, kept_recording, recording_in
+from harness.kept_recording import first_difference, how_run, kept_recording, recording_in
 from harness.record import record
 from harness.recording import Recording, write_recording
 from harness.store import StoreError
 from problems import scene
 
 UNTIL = 0.01
-HOW = {"until": UNTIL, "eps": 1e-3, "fixed_step": None}
 FIG2 = scene("fig2")
+HOW = how_run(FIG2, until=UNTIL)
 
 
 @pytest.fixture(scope="module")
@@ -56,15 +57,27 @@ def test_one_by_other_code_keeps_its_file_if_it_is_the_same(
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("until", 0.02), ("eps", 1e-4), ("fixed_step", 0.005), ("stops", "held")]
+    ("name", "value"),
+    [
+        ("until", 0.02),
+        ("eps", 1e-4),
+        ("fixed_step", 0.005),
+        ("stops", "held"),
+        ("impulses", "newton_coulomb"),
+        ("drift", "projection"),
+        ("order", 1),
+    ],
 )
 def test_what_was_run_otherwise_is_told_by_its_difference(
-    made: Recording, name: str, value: object
+    made: Recording, name: str, value: Any
 ) -> None:
     assert first_difference(made, FIG2, HOW) is None
-    found = first_difference(made, FIG2, {**HOW, name: value})
-    assert found is not None
-    assert (found.name, found.asked) == (f"run.{name}", value)
+    options: dict[str, Any] = {"until": UNTIL, name: value}
+    asked = first_difference(made, FIG2, how_run(FIG2, **options))
+    other = record(FIG2, **options)
+    kept = first_difference(other, FIG2, HOW)
+    assert asked is not None and kept is not None
+    assert (asked.name, asked.asked) == (kept.name, kept.kept) == (f"run.{name}", value)
 
 
 def test_another_scene_differs_by_its_parameters(made: Recording) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from problems import scene, simulate
 from problems.bodies import box, polygon_body
+from problems.events import TOUCH_TOL
 from problems.forces import Impulse, Load
 from problems.qp import Solution, Status
 from problems.run import EVENT_KINDS
@@ -319,6 +320,32 @@ def test_a_tiny_body_far_away_changes_nothing():
     alone = simulate(Scene(bodies[:3], q, v, end_time=2.0), lotstedt())
     both = simulate(Scene(bodies, [*q, *far], [*v, *still], end_time=2.0), lotstedt())
     np.testing.assert_allclose(both.q[-1, :3], alone.q[-1], rtol=0, atol=1e-6)
+
+
+# --- going on from a state of another run ---------------------------------------------------------
+
+
+def test_a_run_goes_on_from_a_state_of_another():
+    whole = simulate(scene("fig5"), lotstedt())
+    i = len(whole.t) * 3 // 4
+    rest = replace(whole.scene, q0=whole.q[i], v0=whole.v[i], impulses=())
+    run = simulate(rest, lotstedt(), until=whole.t[-1] - whole.t[i])
+    assert np.abs(run.q[-1] - whole.q[-1]).max() < 10 * whole.options["eps"]
+
+
+def test_what_rested_with_its_drift_rests_on():
+    whole = simulate(scene("fig5"), lotstedt())
+    assert whole.gaps[-1] < -TOUCH_TOL  # so that it would collide as new
+    run = simulate(replace(whole.scene, q0=whole.q[-1], v0=whole.v[-1], impulses=()), lotstedt())
+    assert {event.kind for event in run.event_log} == {"rest"}
+    np.testing.assert_allclose(run.q[-1], whole.q[-1], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("thrown", "impulses", "y"), [(0.0, 0, 0.5 - 5e-4), (1.0, 1, 0.5)])
+def test_a_box_that_has_sunk_a_little_touches_until_it_is_out(thrown, impulses, y):
+    run = simulate(one_box(y=0.5 - 5e-4, v=(0.0, thrown, 0.0)), lotstedt(), until=0.3)
+    assert [event.kind for event in run.event_log].count("impulse") == impulses
+    assert run.q[-1, 0, 1] == pytest.approx(y, abs=1e-5)
 
 
 # --- refusals ------------------------------------------------------------------------------------

@@ -160,7 +160,7 @@ def recorded(
     folder: Path,
     overwrite: bool = False,
 ) -> list[tuple[Recording, Path]]:
-    from harness.kept_recording import first_difference, kept_recording
+    from harness.kept_recording import first_difference, how_run, kept_recording
     from harness.progress import shown
     from harness.record import record as record_scene
     from harness.record import recording_label
@@ -178,7 +178,7 @@ def recorded(
     ]
     kept = [None if overwrite else kept_recording(path) for path in paths]
     for each, path, before in zip(made, paths, kept, strict=True):
-        how = {"until": each.end_time} | {n: v for n, v in options.items() if v is not None}
+        how = how_run(each, **options)
         differs = first_difference(before, each, how) if before is not None else None
         if differs is not None:
             raise _taken(path, *differs)
