@@ -354,8 +354,11 @@ def steady_steps(run, contacts, frictions, leaving, S, I, eps0, mode):
                 phis,
                 right,
                 left,
-            ) and not covered(c, p, place, shapes, points):
-                return mode
+            ):
+                origin = place_corners(state[Q], corner_body, corner_local, arena)[0]
+                spared = covered(c, p, place, shapes, origin)
+                if not (spared and covered(c, p, place, shapes, points)):
+                    return mode
         phi, g_N, g_F, bodies, _, along, length, _ = contact_columns(
             points,
             centres,
