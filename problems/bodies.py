@@ -62,10 +62,12 @@ def polygon_body(parts: Any, density: float = 1.0) -> Body:
     parts : corners (c, 2) of a convex polygon, or a sequence of such arrays.  They are shifted so
         that the centre of gravity becomes the origin.
 
-    Raises ValueError for a polygon that is not convex or a density that is not positive.
+    Raises ValueError for no polygon, one that is not convex or a density that is not positive.
     """
     if not (np.isfinite(density) and density > 0):
         raise ValueError(f"density = {density:g}; it must be positive")
+    if not len(parts):
+        raise ValueError("a body needs at least one convex part")
     single = not isinstance(parts, (list, tuple)) or np.ndim(parts[0]) == 1
     polygons = [convex_polygon(part) for part in ([parts] if single else parts)]
     areas = np.array([polygon_area(part) for part in polygons])
@@ -79,7 +81,10 @@ def polygon_body(parts: Any, density: float = 1.0) -> Body:
 
 
 def box(width: float, height: float, density: float = 1.0) -> Body:
-    """Upright box, `width` × `height` [m]."""
+    """Upright box, `width` × `height` [m].
+
+    Raises ValueError for sides or a density that are not positive.
+    """
     if not (0 < width < np.inf and 0 < height < np.inf):
         raise ValueError(f"a box needs positive sides; got {width:g} × {height:g}")
     return polygon_body(box_corners(width, height), density)

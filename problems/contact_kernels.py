@@ -109,12 +109,10 @@ def contact_columns(
     length,
     arena=None,
 ):
-    """`Columns` of places (N, 3): φ, g_N, g_F (N, 6), bodies (N, 2), point (N, 2), along, length,
-    τ (N, 2)."""
+    """`Columns` of places (N, 3): φ, g_N, g_F (N, 6), bodies (N, 2), along, length."""
     count = places.shape[0]
     phi, along, lengths = numbers(arena, count), numbers(arena, count), numbers(arena, count)
     g_N, g_F = table(arena, count, 6), table(arena, count, 6)
-    point, direction = table(arena, count, 2), table(arena, count, 2)
     bodies = in_rows(integers(arena, 2 * count), count, 2)
     for i in range(count):
         corner, p, e = places[i, 0], places[i, 1], places[i, 2]
@@ -127,14 +125,12 @@ def contact_columns(
         phi[i] = nx * bx + ny * by - offset[p, e]
         along[i] = nx * by - ny * bx - start[p, e]
         lengths[i] = length[p, e]
-        point[i, 0], point[i, 1] = corners[corner, 0], corners[corner, 1]
         g_N[i, 0], g_N[i, 1], g_N[i, 2] = nx, ny, ax * ny - ay * nx
         g_N[i, 3], g_N[i, 4], g_N[i, 5] = -nx, -ny, by * nx - bx * ny
         g_F[i, 0], g_F[i, 1], g_F[i, 2] = -ny, nx, ax * nx + ay * ny
         g_F[i, 3], g_F[i, 4], g_F[i, 5] = ny, -nx, -bx * nx - by * ny
         bodies[i, 0], bodies[i, 1] = a, b
-        direction[i, 0], direction[i, 1] = -ny, nx
-    return phi, g_N, g_F, bodies, point, along, lengths, direction
+    return phi, g_N, g_F, bodies, along, lengths
 
 
 @kernel

@@ -75,19 +75,18 @@ class Pose(NamedTuple):
 class Columns(NamedTuple):
     """Constraint values and columns of a set of corner–edge pairs.
 
-    phi : (N,) [m];  normal, tangent : (N, 6), entries for the corner's and the edge's body
-    bodies : (N, 2);  point : (N, 2) the corner [m];  along, length : (N,) position of the corner on
-    its edge and the length of that edge [m];  direction : (N, 2) τ
+    phi : (N,) [m];  normal, tangent : (N, 6), entries for the corner's and the edge's body; the
+    first two are n and τ
+    bodies : (N, 2);  along, length : (N,) position of the corner on its edge and the length of that
+    edge [m]
     """
 
     phi: Vector
     normal: Vector
     tangent: Vector
     bodies: Indices
-    point: Vector
     along: Vector
     length: Vector
-    direction: Vector
 
 
 class Geometry:

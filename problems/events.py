@@ -188,7 +188,7 @@ def ends_a_slide(
             columns = geometry.columns_at(pose, places)
             slip = float(column_speeds(columns.tangent, columns.bodies, v)[0])
             speed = float(column_speeds(columns.normal, columns.bodies, v)[1])
-            sine = abs(float(cross(*columns.direction)))
+            sine = abs(float(cross(*columns.tangent[:, :2])))
             sunk = -geometry.tolerance(corner, part) <= columns.phi[0] < 0
             if sunk and 2 * sine * (-slip if end else slip) < speed:
                 return True

@@ -54,6 +54,8 @@ def tower(
     width, height of a box [m];  jitter : greatest offset of a box from the middle [m], 0 for
     flush sides;  lean : angle [rad] by which the tower is turned clockwise about its lower right
     corner, so that it tips;  speed : greatest speed along the edges [m/s];  density [kg/m²]
+
+    Raises ValueError, naming the parameter, for one out of range.
     """
     rng = scene_generator(bodies, seed, jitter=jitter, lean=lean, speed=speed)
     if jitter >= width / 4:
@@ -100,16 +102,18 @@ def wall(
     row : bricks in a full course, 0 for a wall about as high as it is wide;  the last course may
     not be full;  width, height of a brick, gap between two [m], 0 for flush sides;  speed :
     greatest |v_x| [m/s];  density [kg/m²]
+
+    Raises ValueError, naming the parameter, for one out of range.
     """
     rng = scene_generator(bodies, seed, gap=gap, speed=speed)
     if gap >= width / 2:
         raise ValueError(f"gap = {gap:g}; a brick lies on two below width/2 = {width / 2:g}")
     if row < 0:
         raise ValueError(f"row = {row}; it must be the bricks of a course, or 0")
+    whole, half = box(width, height, density), box((width - gap) / 2, height, density)
     per_course = row or max(1, round(np.sqrt(bodies * height / (width + gap))))
     places: list[tuple[float, float, float]] = []
     bricks: list[Body] = []
-    whole, half = box(width, height, density), box((width - gap) / 2, height, density)
     for course in range(bodies):
         for x, is_whole in _course(per_course, course, width, gap):
             places.append((x, height * (course + 0.5), 0.0))
@@ -147,6 +151,8 @@ def pyramid(
 
     The lowest course is the shortest that does; the last may not be full.  width, height of a
     brick, gap between two [m], 0 for flush sides;  speed : greatest |v_x| [m/s];  density [kg/m²]
+
+    Raises ValueError, naming the parameter, for one out of range.
     """
     rng = scene_generator(bodies, seed, gap=gap, speed=speed)
     if gap >= width / 2:
@@ -192,6 +198,8 @@ def heap(
     corners of every polygon, 0 for 4 to 7 at random;  size : mean distance of a corner from the
     middle of the longer axis [m];  spread : relative, of the sizes;  width between the walls [m],
     0 for about the heap's height;  speed : greatest |v_x|, |v_y| [m/s];  density [kg/m²]
+
+    Raises ValueError, naming the parameter, for one out of range, or walls that are too near.
     """
     rng = scene_generator(bodies, seed, width=width, speed=speed)
     polygons = random_polygons(rng, bodies, corners, size, spread, density, at_random=(4, 7))

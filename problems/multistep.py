@@ -28,7 +28,7 @@ import numpy as np
 from problems.qp import Vector
 
 GROWTH = 2.0
-"""Largest h_n / h_{n−1}."""
+"""Largest h_n / h_{n−1}; after a step that was cut short, over the length that it was to have."""
 TOO_MUCH = 4.0
 """A step is redone when its error turns out to be more than this many ε, …"""
 REDONE = 3

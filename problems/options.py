@@ -31,6 +31,8 @@ class StepperOptions:
         body; default 2 ε
     drift, drift_time : "none", "baumgarte" with τ = drift_time [s], or "projection", see
         `problems.drift`
+
+    Raises ValueError, naming the option, for a number that is not positive or an unknown choice.
     """
 
     eps: float

@@ -88,7 +88,7 @@ class QuietSteps(NamedTuple):
     at_bound, stopped : (F,) of the last step: `VelocityStep.at_bound`, whether a sliding one stops
     changes : (N + F, 2) steps taken and the row_id of a normal that left after them, or of a
         friction that began to slip
-    sense : (N + F,) the clearance of that normal [m], or the sign s of that friction
+    sense : (N + F,) the sign s of that friction, 0 of a normal
     arena : room for what is made on the way
     """
 
@@ -283,7 +283,7 @@ def _follow(stepper: Transitions, run: QuietSteps, active: ActiveSet, taken: int
             record(step)
             first, stepper.t = step, float(track[step - 1, 0])
         if row_id in stepper.graph.normals:
-            stepper.drop(stepper.graph.normals[row_id], sense)
+            stepper.drop(stepper.graph.normals[row_id])  # its level has been kept on the way
         else:
             stepper.slip(stepper.graph.frictions[row_id], int(sense))
         ids = stepper.graph.row_ids()

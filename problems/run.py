@@ -88,11 +88,7 @@ class Run:
     def multipliers(self) -> list[dict[int, float]]:
         """(n,) {row_id: λ} of the active constraints."""
         return [
-            dict(
-                zip(
-                    [*stretch.normal_ids.tolist(), *stretch.friction_ids.tolist()], lam, strict=True
-                )
-            )
+            dict(zip(stretch.row_ids, lam, strict=True))
             for stretch in self.stretches
             for lam in stretch.lam.tolist()
         ]

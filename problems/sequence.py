@@ -68,6 +68,8 @@ class QPSequence:
 
         own : the fields are all there, and fit for `ContactQP.of_own`
         chain : where a QP would start cold: start from the last one of this name, and be the next
+
+        Raises `SimulationError` where the solver gives no x, or something that is no answer.
         """
         warm = fields["kind"] in WARM_KINDS
         first = warm and self._restarting

@@ -33,15 +33,17 @@ def convex_polygon(corners: ArrayLike) -> Vector:
         raise ValueError(f"a polygon needs corners of shape (c ≥ 3, 2); got {corners.shape}")
     if not np.isfinite(corners).all():
         raise ValueError("a polygon's corners must be finite numbers")
-    if polygon_area(corners) < 0:
+    clockwise = polygon_area(corners) < 0
+    if clockwise:
         corners = np.concatenate([corners[:1], corners[:0:-1]])
     side = np.roll(corners, -1, axis=0) - corners
     turn = cross(np.roll(side, 1, axis=0), side)
     size = np.linalg.norm(side, axis=1)
     bad = np.flatnonzero(turn <= CONVEXITY_TOL * size * np.roll(size, 1))
     if bad.size:
+        number = -bad[-1] % len(corners) if clockwise else bad[0]
         raise ValueError(
-            f"the polygon is not strictly convex at corner {bad[0]}; "
+            f"the polygon is not strictly convex at corner {number}; "
             "give a non-convex body as several convex parts"
         )
     if turning_number(side) != 1:

@@ -367,8 +367,9 @@ class Stepper(Transitions):
             return
         step = self._last = last.step
         self._check_constraints(step.assembly, step.gap_speed)
-        if taken > 1:
+        if taken > 1:  # those before the last were quiet and in motion
             self.gain_watch.calm()
+            self.rest_since = np.inf
         self._watch_gain(step, last.signs)
         stopped = [step.assembly.frictions[j] for j in np.flatnonzero(last.stopped)]
         self._after_step(step, [], [], stopped)

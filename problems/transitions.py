@@ -172,8 +172,8 @@ class Transitions(System):
             if not (gone or geometry.past_tip(pose, *normal.place)):
                 self.drop(normal, self._clearance(pose, normal))
 
-    def drop(self, normal: Normal, clearance: float) -> None:
-        """A contact that separates, with its corner so far outside [m], leaves J_N."""
+    def drop(self, normal: Normal, clearance: float = 0.0) -> None:
+        """A contact that separates leaves J_N; a clearance [m] below 0 is its level from now on."""
         self._log("drop", self._place_name(normal.place))
         self.graph.remove(normal, clearance)
 
@@ -194,8 +194,14 @@ class Transitions(System):
                 friction.sign = -int(np.sign(speed))
 
     def _check_constraints(self, assembly: Assembly, speed: Vector) -> None:
-        """g_Nᵀq̇ ≥ 0 must hold at the start of a step, to the accuracy of the QP."""
-        if speed.size and speed.min() < -APPROACHING * self.options.eps:
+        """g_Nᵀq̇ ≥ 0 must hold at the start of a step, to the accuracy of the QP.
+
+        Baumgarte's stabilization closes gaps φ > 0 at φ/τ.
+        """
+        if not speed.size:
+            return
+        speed = speed + np.maximum(assembly.columns.phi, 0.0) / self.equations.drift_time
+        if speed.min() < -APPROACHING * self.options.eps:
             i = int(np.argmin(speed))
             raise SimulationError(
                 f"t = {self.t:.6g}: {self._place_name(assembly.places[i])} approaches at "

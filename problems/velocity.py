@@ -59,7 +59,7 @@ STUCK = -1
 class VelocityStep(NamedTuple):
     """What a step of length h to t found: q, q̇, q̈ (3n,), λ_N (N,), λ_F (F,), its `Assembly`.
 
-    gap_speed (N,), slip_speed (F,) : G_Nᵀq̇, G_Fᵀq̇
+    gap_speed (N,), slip_speed (F,) : G_Nᵀq̇, without what closes gaps (`drift`), and G_Fᵀq̇
     at_bound : (F,) whether a friction force is proportional to λ_*
     settled : whether the passes came to an end by (3.14); else this is the last one
     """

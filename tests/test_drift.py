@@ -11,6 +11,7 @@ from problems.bodies import polygon_body
 from problems.contacts import HalfPlane
 from problems.drift import correction
 from problems.scenes import Scene
+from problems.sequence import SimulationError
 from solvers import make_solver
 
 SCENES = [("fig2", 0.7), ("fig4", 0.6), ("fig5", 0.8)]
@@ -76,6 +77,23 @@ def test_baumgarte_gaps_decay_in_its_time():
     while stepper.t < 0.2:
         stepper.advance(1.0)
     assert stepper.q[1] - 0.5 == pytest.approx(q0 * np.exp(-(stepper.t - t0) / tau), rel=0.02)
+
+
+def test_a_gap_that_baumgarte_closes_is_no_wrong_answer():
+    """0.3 mm at τ = 0.01 close at 0.03 m/s; it is looked at anew when the contacts change."""
+    from problems.stepper import Stepper, StepperOptions
+
+    options = StepperOptions(1e-3, 1e-3, rest_speed=1e-9, drift="baumgarte", drift_time=0.01)
+    made = scene("fig2", boxes=1, velocity=0.0, pushed=1)
+    stepper = Stepper(made, make_solver("lotstedt"), options)
+    stepper.start()
+    stepper.q[1] += 3e-4
+    stepper.history.restart(np.array([0.0, -0.03, 0.0]))
+    stepper.advance(1.0)
+    assert len(stepper.graph.normals) == 2
+    stepper.history.restart(np.array([0.0, -0.3, 0.0]))
+    with pytest.raises(SimulationError, match="approaches at"):
+        stepper.advance(1.0)
 
 
 def test_contacts_that_almost_contradict_each_other_are_not_torn_apart():

@@ -215,6 +215,7 @@ def test_a_large_one_is_built_and_its_first_qp_posed(name):
         ("wall", {"gap": 1.0}, "gap = 1"),
         ("wall", {"gap": -0.1}, "gap = -0.1"),
         ("wall", {"row": -1}, "row = -1"),
+        ("wall", {"height": -1.0}, "needs positive sides"),
         ("pyramid", {"gap": 1.5}, "gap = 1.5"),
         ("heap", {"corners": 2}, "corners = 2"),
         ("heap", {"spread": 1.0}, "spread = 1"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -128,3 +129,19 @@ def test_coulomb_s_law_holds_where_a_contact_bears_no_load_at_first(
 def test_an_unknown_model_is_refused() -> None:
     with pytest.raises(ValueError, match="newton_coulomb"):
         simulate(scene("fig5"), make_solver("lotstedt"), impulses="newton")  # type: ignore[arg-type]
+
+
+def test_a_whole_number_is_a_coefficient_too():
+    """Compiled collisions read numbers by their type: μ_I = 1 must be no other than 1.0."""
+    runs = [
+        simulate(
+            replace(scene("fig4"), mu_I=mu_I),
+            make_solver("lotstedt"),
+            impulses="newton_coulomb",
+            keep_qps=False,
+            until=0.5,
+        )
+        for mu_I in (0.01, 1.0, 1)
+    ]
+    np.testing.assert_array_equal(runs[2].q, runs[1].q)
+    assert (runs[1].q[-1] != runs[0].q[-1]).any()

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from problems import Scene, scene, simulate
-from problems.bodies import polygon_body
+from problems.bodies import box, polygon_body
 from problems.contacts import HalfPlane
+from problems.forces import Load
 from problems.shapes import box_corners
+from problems.stepper import Stepper, StepperOptions
 from solvers import make_solver
 
 SAME = 1e-10
@@ -219,3 +223,38 @@ def test_a_load_that_begins_is_obeyed():
     )
     np.testing.assert_allclose(left.q, kept.q, rtol=0, atol=SAME)
     assert abs(left.v[-1, 4, 0] - 0.1) < 1e-2
+
+
+def test_a_rest_that_has_ended_is_forgotten():
+    """A box slows down to rest within compiled steps; that it had rested before counts no more."""
+    sliding = Scene(
+        bodies=(box(1.0, 1.0),),
+        q0=np.array([[0.0, 0.5, 0.0]]),
+        v0=np.array([[2.2e-3, 0.0, 0.0]]),
+        forces=(Load(0, (-5e-3, 0.0, 0.0)),),
+        stop_at_rest=True,
+    )
+    options = StepperOptions.of(sliding.eps)
+    stepper = Stepper(sliding, make_solver("lotstedt"), options, keep_qps=False)
+    stepper.start()
+    stepper.rest_since = -1.0
+    stepper.advance(1.0)
+    assert stepper.counts["steps"] > 1
+    assert [event.kind for event in stepper.event_log] == ["rest"]
+    assert stepper.rest_since == stepper.t
+
+
+def test_a_corner_that_left_sunk_comes_back_to_the_edge():
+    """Its reference level is forgotten far outside, on the way too."""
+    fig4 = scene("fig4")
+    sunk = replace(fig4, q0=fig4.q0 - [0.0, 1e-5, 0.0])
+    stepper = Stepper(sunk, make_solver("lotstedt"), StepperOptions.of(1e-4), keep_qps=False)
+    stepper.start()
+    assert stepper.graph.candidates.levels()
+    stepper.advance(0.1)
+    assert stepper.t == 0.1
+    assert [event.kind for event in stepper.event_log].count("drop") == 2
+    candidates = stepper.graph.candidates
+    pose = stepper.graph.geometry.pose(stepper.q)
+    clearance = stepper.graph.geometry.clearance(pose, candidates.corner, candidates.part)
+    assert not candidates.level[clearance > 1e-3].any()

@@ -30,6 +30,8 @@ def test_parameters_are_all_recorded_and_changes_make_the_label():
         ("fig2", {"bodies": 3}, "no parameter 'bodies'; it has: boxes"),
         ("fig2", {"boxes": "many"}, "must be of type int"),
         ("fig2", {"boxes": 2.5}, "must be a whole number"),
+        ("fig2", {"boxes": np.inf}, "must be of type int"),
+        ("rain", {"walls": "no"}, "must be true or false"),
         ("fig2", {"velocity": "nan"}, "must be finite"),
         ("fig2", {"pushed": 9}, "must be a box from 1 to 5"),
         ("fig2", {"mu": -1.0}, "mu = -1.0"),

@@ -50,6 +50,7 @@ def test_clockwise_is_turned_round():
         ([(0, 0), (1, 0), (np.nan, 1)], "finite"),
         ([(0, 0), (2, 0), (2, 2), (1, 0.5), (0, 2)], "several convex parts"),
         ([(0, 0), (1, 0), (2, 0), (1, 1)], "not strictly convex at corner 1"),
+        ([(0, 0), (0, 1), (0, 2), (2, 2), (2, 0)], "not strictly convex at corner 1"),
         ([(0, 0), (0, 0), (1, 0), (1, 1)], "not strictly convex"),
         ([(np.cos(a), np.sin(a)) for a in 4 * np.pi * np.arange(5) / 5], "crosses itself"),
     ],
@@ -61,6 +62,11 @@ def test_bad_polygons_are_refused(corners, words):
 
 def test_mass_diagonal():
     np.testing.assert_allclose(mass_diagonal([box(1, 1), box(2, 1)]), [1, 1, 1 / 6, 2, 2, 5 / 6])
+
+
+def test_a_body_has_parts():
+    with pytest.raises(ValueError, match="at least one convex part"):
+        polygon_body([])
 
 
 def test_density_must_be_positive():

@@ -23,6 +23,8 @@ def fig2(
 
     boxes are numbered from the bottom; width, height [m]; density [kg/m²]; velocity [m/s] of box
     number `pushed`.
+
+    Raises ValueError for a `pushed` that is no box.
     """
     if not 1 <= pushed <= boxes:
         raise ValueError(f"pushed = {pushed}; it must be a box from 1 to {boxes}")

@@ -41,6 +41,8 @@ def painleve(
     not cross it: λ is large there and turns its spin, so that B = 0 and γ = 1 are met together or
     not at all (Génot and Brogliato 1999).  An upright box with thickness/length = cot θ, which
     slides on its whole side, is as inconsistent as its leading corner.
+
+    Raises ValueError for an angle out of range.
     """
     if not 0 < angle <= np.pi / 2:
         raise ValueError(f"angle = {angle:g}; it must be above 0 and at most π/2 = 1.5708")

@@ -90,8 +90,10 @@ def _like(value: Any, default: Any, what: str) -> Any:
     kind = type(default)
     try:
         made = value if isinstance(value, kind) else kind(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{what} = {value!r}; it must be of type {kind.__name__}") from None
+    if kind is bool and value not in (0, 1):
+        raise ValueError(f"{what} = {value!r}; it must be true or false")
     if isinstance(made, float) and not math.isfinite(made):
         raise ValueError(f"{what} = {value!r}; it must be finite")
     if kind is int and float(value) != made:

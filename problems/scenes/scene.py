@@ -66,6 +66,7 @@ class Scene:
             value = getattr(self, name)
             if not np.isfinite(value) or value < 0:
                 raise ValueError(f"{name} = {value!r}; it must be a finite number, not negative")
+            object.__setattr__(self, name, float(value))
         for pair, mu in self.mu_pairs.items():
             if not (np.isfinite(mu) and mu >= 0 and all(0 <= b <= n for b in pair)):
                 raise ValueError(

@@ -228,7 +228,7 @@ def let_go(run, contacts, pose, clearance, gap, speed, leaving):
         run.free[i] = True
         if clearance[i] < 0.0:
             run.level[i] = clearance[i]
-        note_change(run, contacts.normal_ids[which[n]], clearance[i])
+        note_change(run, contacts.normal_ids[which[n]], 0.0)
     return True
 
 
@@ -284,7 +284,7 @@ def steady_steps(run, contacts, frictions, leaving, S, I, eps0, mode):
     before[:] = clearances(
         points, centres, cosine, sine, corner, part, part_body, normal, offset, arena
     )
-    phi, g_N, g_F, bodies, _, _, _, _ = contact_columns(
+    phi, g_N, g_F, bodies, _, _ = contact_columns(
         points,
         centres,
         cosine,
@@ -359,7 +359,7 @@ def steady_steps(run, contacts, frictions, leaving, S, I, eps0, mode):
                 spared = covered(c, p, place, shapes, origin)
                 if not (spared and covered(c, p, place, shapes, points)):
                     return mode
-        phi, g_N, g_F, bodies, _, along, length, _ = contact_columns(
+        phi, g_N, g_F, bodies, along, length = contact_columns(
             points,
             centres,
             cosine,
