@@ -49,14 +49,12 @@ class Start(NamedTuple):
     x : (k,) old x clipped to today's bounds; new rows start at 0, clipped likewise
     working_set : (k,) int8, FREE for new rows
     previous : (k,) int64, position of each row in the old QP or −1
-    same_rows : the rows are the same ones in the same order
     memory : what the solver left in `Solution.memory`
     """
 
     x: Vector
     working_set: NDArray[np.int8]
     previous: NDArray[np.int64]
-    same_rows: bool
     memory: Any
 
 
@@ -88,10 +86,7 @@ def carry_over(start: Solution, qp: ContactQP) -> Start:
     x[known] = start.x[previous[known]]
     members = np.full(qp.k, FREE, dtype=np.int8)
     members[known] = start.working_set[previous[known]]
-    same_rows = previous.size == start.row_id.size and bool(
-        np.array_equal(previous, np.arange(previous.size))
-    )
-    return Start(np.clip(x, qp.lower, qp.upper), members, previous, same_rows, start.memory)
+    return Start(np.clip(x, qp.lower, qp.upper), members, previous, start.memory)
 
 
 @dataclass(frozen=True)
@@ -100,6 +95,8 @@ class Solver(abc.ABC):
 
     accuracy : absolute in ‖A δx‖ like ε₀ in (3.13); None: each QP's own `eps0`;
         "default": the package's default tolerances, whatever they mean
+
+    Raises ValueError for another `accuracy`, as derived classes do for a `variant` they lack.
     """
 
     accuracy: float | Literal["default"] | None = None
@@ -168,7 +165,7 @@ class Solver(abc.ABC):
         warm: Start | None = None
         if start is not None and self.maps_rows:
             assert start.x is not None
-            warm = Start(start.x, start.working_set, start.row_id, False, start.memory)
+            warm = Start(start.x, start.working_set, start.row_id, start.memory)
         elif start is not None:
             warm = carry_over(start, qp)
         clock, asked = time.perf_counter, self.asked(qp)

@@ -195,7 +195,7 @@ def test_the_loop_allocates_nothing():
         "solver = make_solver('lotstedt')\n"
         "qps = [qp for qp, _ in contact_sequence(1)]\n"
         "last = solver.solve(qps[0])\n"
-        "start = Start(None, None, None, False, last.memory)\n"
+        "start = Start(None, None, None, last.memory)\n"
         "native = solver.setup(qps[0], 1e-9, start)\n"
         "nothing = numba.njit(lambda A, d, l, u, ids, S, I, eps0, mode: None)\n"
         "nothing(*native)\n"

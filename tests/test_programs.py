@@ -43,6 +43,17 @@ def known(kind: str, seed: int) -> tuple[ContactQP, np.ndarray]:
     return qp, solution.x
 
 
+@pytest.mark.parametrize("name", [f"{package}[velocity]" for package in PACKAGES])
+def test_a_row_that_gains_or_loses_its_bound(name: str) -> None:
+    """The equation of the velocity problem becomes an inequality, and back."""
+    A, d = np.eye(2), np.array([1.0, -1.0])
+    free = ContactQP(A, d, np.array([-np.inf, 0.0]), np.full(2, np.inf))
+    solver, last = make_solver(name, accuracy=1e-9), None
+    for qp, right in ((free, [-1.0, 1.0]), (replace(free, lower=np.zeros(2)), [0.0, 1.0])) * 2:
+        last = solver.solve(qp, last)
+        assert last.x == pytest.approx(right, abs=ALLOWED.get(solver.name, 1e-8))
+
+
 def ask(name: str, qp: ContactQP) -> Any:
     return make_solver(name, accuracy=1e-9 * force_scale(qp))
 

@@ -255,6 +255,23 @@ def test_a_column_of_three_bodies_is_solved_by_the_dense_path() -> None:
     assert_kkt(qp, solution.x, 1e-8)
 
 
+def test_columns_and_rows_of_zeros() -> None:
+    """A column that does nothing keeps its 0; bodies that touch nothing join and leave."""
+    rng = np.random.default_rng(8)
+    A = contact_matrix(rng, 40, 80).toarray()
+    A[:, [0, 7, 79]] = 0.0
+    qp = ContactQP(sp.csc_array(A), rng.standard_normal(120), np.zeros(80), np.full(80, np.inf))
+    solver = Lotstedt(accuracy=1e-10)
+    last = None
+    for m in (120, 180, 120):
+        taller = sp.csc_array(np.vstack([A, np.zeros((m - 120, 80))]))
+        d = np.concatenate([qp.d, np.ones(m - 120)])
+        last = solver.solve(replace(qp, A=taller, d=d, D=np.ones(m)), last)
+        assert last.found and isinstance(last.memory, SparseWorkspace)
+        assert_kkt(qp, last.x, 1e-8)
+        assert not last.x[[0, 7, 79]].any()
+
+
 def test_a_chain_has_little_fill() -> None:
     """A tower: contacts between bodies i and i + 1, two each, in any order."""
     n = 50

@@ -244,3 +244,18 @@ def test_an_adopted_memory_starts_as_if_there_were_none(solver: str) -> None:
         np.testing.assert_allclose(qp.A @ adopted.x, qp.A @ bare.x, atol=1e-8)
         stale = chosen.solve(qp, chosen.solve(other))  # a memory goes on with what it solved last
         assert adopted.iterations <= stale.iterations
+
+
+def test_an_adopted_memory_is_not_extrapolated_from() -> None:
+    """The times and the x before last that it knows are of other QPs than the start."""
+    chosen = make_solver("lotstedt[extrapolated]", accuracy=1e-9)
+    qp = replace(random_qp("two_sided", 4)[0], t=0.3)
+    right = chosen.solve(qp)
+    last = None
+    for t, times in ((0.1, -0.5), (0.2, -2.0)):
+        last = chosen.solve(replace(qp, d=times * qp.d, t=t), last)
+    assert last is not None
+    bare = chosen.solve(qp, replace(right, memory=None))
+    adopted = chosen.solve(qp, replace(right, memory=chosen.adopt(last.memory, right)))
+    assert adopted.work == bare.work
+    np.testing.assert_array_equal(adopted.x, bare.x)

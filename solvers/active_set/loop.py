@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from math import inf, nan, sqrt
 
+from problems.qp import AT_LOWER, AT_UPPER, FREE, PASSIVE
 from solvers.active_set.compiled import kernel, lent
 from solvers.active_set.conjugate_gradients import conjugate_gradients
 from solvers.active_set.factorization import (
@@ -50,6 +51,7 @@ from solvers.active_set.workspace import (
     FRESH,
     GRADIENT,
     GROWN_NORM,
+    INACCURATE,
     INTERVAL,
     INVERSE_NORM,
     LANES,
@@ -67,12 +69,14 @@ from solvers.active_set.workspace import (
     OLD_ORDER,
     OLD_ROW,
     ORDER,
+    OUT_OF_PASSES,
     PASSES,
     PREVIOUS,
     REALS,
     REMAINDER,
     RESIDUAL,
     SIZES,
+    SOLVED,
     STATUS,
     TIME,
     TIME_BEFORE,
@@ -100,9 +104,6 @@ SCRATCH, EXTRAPOLATED = 128, 256
 gradients without R; the options in rows REALS and COUNTS replace the paper's; factorize by the
 online rule and not by the paper's; try the previous F by itself first; never
 update a factorization; begin with x extrapolated from two QPs."""
-SOLVED, INACCURATE, OUT_OF_PASSES = 0, 1, 2
-"""What row COUNTS holds at STATUS."""
-AT_LOWER, FREE, AT_UPPER, PASSIVE = -1, 0, 1, 2
 ENTERED, BOUNCED, DISMISSED, NOW_IN_F = 1, 2, 4, 8
 """Bits of row MARK: entered F since A x last moved; thrown back since; not worth freeing; in F,
 while step 8 looks for who enters."""

@@ -27,7 +27,8 @@ This differs from the paper:
 0. What outlives a QP goes by size (see `CROSSOVER`).  Small QPs keep F and x only, and A_F is
    factorized anew at every QP, by normal equations while nothing is in the way (`settled`), by QR
    otherwise.  Large dense ones keep R as the paper has it.  Large sparse ones keep a sparse R by
-   Cholesky, and F may hold dependent columns, so that there is no P (`sparse_loop`).  R is given up
+   Cholesky, begin with x extrapolated, and F may hold dependent columns, so that there is no P
+   (`sparse_loop`).  R is given up
    by the online rule (`online_rule`).  The variant "old_r" is the paper's method at every size.
 1. ε₀ is divided by 10 in (3.20) and in ε₁, so that sign errors, the error of p and the estimate of
    ‖R⁻¹‖, which is from below, together stay under ε₀.  Both tolerances are floored at the rounding
@@ -71,13 +72,11 @@ from solvers.active_set.compiled import Direct, entry
 from solvers.active_set.loop import (
     CUSTOM,
     EXTRAPOLATED,
-    INACCURATE,
     NO_R,
     ONLINE,
     OWN_SET,
     SCRATCH,
     SETTLED,
-    SOLVED,
     TODAYS_QR,
     WARM,
     algorithm_2,
@@ -90,11 +89,14 @@ from solvers.active_set.sparse_pattern import is_narrow, make_pattern
 from solvers.active_set.sparse_workspace import SparseWorkspace, make_sparse_workspace
 from solvers.active_set.workspace import (
     AGE,
+    BEFORE,
     CG_LIMIT,
     COUNTS,
     DIRECTIONS,
     FLOPS,
+    INACCURATE,
     INTERVAL,
+    LAST_TIME,
     MEMBER,
     OLD_K,
     OLD_MEMBER,
@@ -103,8 +105,10 @@ from solvers.active_set.workspace import (
     ORDER,
     PASSES,
     REALS,
+    SOLVED,
     STATUS,
     TIME,
+    TIME_BEFORE,
     WRONG,
     Workspace,
     X,
@@ -123,7 +127,8 @@ SMALL_CALLS = 96
 """Columns up to which whole steps and collisions are taken in one call."""
 EXACT_KINDS = ("impulse", "minimum_norm")
 VARIANTS = {
-    "": "the previous working set; today's factorization if small, the online rule if not",
+    "": "the previous working set; today's factorization if small, the online rule if not, "
+    "and where A is large and sparse x is extrapolated",
     "old_r": "the paper's: the previous R, refactorized by its rule, at every size",
     "online": "the previous R, refactorized by the online rule, at every size",
     "extrapolated": "the paper's, begun with x extrapolated from the last two steps",
@@ -162,6 +167,8 @@ def remember(room: Workspace | SparseWorkspace, start: Start) -> None:
     room.I[OLD_ROW, :k] = start.previous
     room.I[OLD_MEMBER, :k] = start.working_set
     room.S[X, :k] = start.x
+    room.S[BEFORE, :k] = np.nan
+    room.S[REALS, [LAST_TIME, TIME_BEFORE]] = np.inf
 
 
 def dense_room(m: int, k: int, start: Start) -> Workspace:
@@ -205,6 +212,8 @@ class Lotstedt(Solver):
     iteration_limit : passes of the main loop before giving up; None: 50 + 20 k
 
     interval and cg_limit are about an old R, so that they imply the variant "old_r".
+
+    Raises ValueError for an unknown variant or a negative option.
     """
 
     variant: str = ""
@@ -245,7 +254,7 @@ class Lotstedt(Solver):
         }.get(self.variant, 0)
         object.__setattr__(self, "_mode", mode)
         small = mode | TODAYS_QR
-        object.__setattr__(self, "_sparse", mode if self.variant else mode | EXTRAPOLATED)
+        object.__setattr__(self, "_sparse", mode if self.variant or custom else mode | EXTRAPOLATED)
         object.__setattr__(self, "_small", small if self.variant else small | SETTLED)
         object.__setattr__(self, "_crossover", crossover)
 
@@ -254,7 +263,7 @@ class Lotstedt(Solver):
         if not isinstance(memory, Workspace) or start.x is None:
             return None
         room = make_workspace(0, start.x.size, memory)
-        remember(room, Start(start.x, start.working_set, start.row_id, False, None))
+        remember(room, Start(start.x, start.working_set, start.row_id, None))
         return room
 
     def build(self, qp: ContactQP, start: Start | None) -> ContactQP:
@@ -328,7 +337,7 @@ class Lotstedt(Solver):
             mode |= WARM
             room = start.memory
             if type(room) is not Workspace or room.n < k or room.n < m:
-                before = Start(start.x, start.working_set, start.row_id, False, start.memory)
+                before = Start(start.x, start.working_set, start.row_id, start.memory)
                 room = dense_room(m, k, before)
         asked = run.eps0 if self.accuracy is None else self.accuracy
         eps0 = -1.0 if asked == "default" else float(asked)

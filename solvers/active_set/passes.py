@@ -25,9 +25,9 @@ from problems.multistep import FIRST_RATE
 from problems.qp import LARGEST
 from problems.step_kernels import momentum, outcome, weighted_norm
 from solvers.active_set.compiled import in_rows, kernel, lent, read_only
-from solvers.active_set.loop import SOLVED, WARM, algorithm_2
+from solvers.active_set.loop import WARM, algorithm_2
 from solvers.active_set.minimum_norm import least_norm
-from solvers.active_set.workspace import COUNTS, STATUS, X
+from solvers.active_set.workspace import COUNTS, SOLVED, STATUS, X
 
 iteration_error = kernel(multistep.iteration_error)
 

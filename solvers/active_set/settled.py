@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from math import sqrt
 
+from problems.qp import AT_LOWER, AT_UPPER, FREE
 from solvers.active_set.compiled import kernel
 from solvers.active_set.flops import product_flops, triangular_flops
 from solvers.active_set.workspace import (
@@ -31,6 +32,7 @@ from solvers.active_set.workspace import (
     OLD_ROW,
     RESIDUAL,
     SIZES,
+    SOLVED,
     STATUS,
     F,
     P,
@@ -38,7 +40,6 @@ from solvers.active_set.workspace import (
     Z,
 )
 
-AT_LOWER, FREE, AT_UPPER = -1, 0, 1
 LEAST_PIVOT = 1e-8
 """Squared distance of a unit column from the span of those before; below, QR decides."""
 REFINEMENTS = 4
@@ -188,5 +189,5 @@ def solve_settled(A, d, lower, upper, row_id, S, I, rounding_unit):
     if factorized:
         counts[FLOPS] += m * f * f + f * f * f // 3
     counts[OLD_ORDER] = -1
-    counts[STATUS] = 0
+    counts[STATUS] = SOLVED
     return True

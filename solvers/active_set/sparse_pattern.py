@@ -39,7 +39,7 @@ FEW_ZEROS = 0.1
 class Pattern(NamedTuple):
     """Patterns of A and L, columns in elimination order.
 
-    indptr, indices : of A (m, k), as given
+    m, indptr, indices : rows of A (m, k), and where its entries are, as given
     order : (k,) the column of A that stands at each place
     Bi : (k, SLOTS) rows of B, which is A in this order; m where a column has fewer entries
     Gp, Gi, Gx : neighbours: column c shares rows with the columns Gi[Gp[c] : Gp[c + 1]] past it,
@@ -53,6 +53,7 @@ class Pattern(NamedTuple):
     nonzeros, entries : of A, and of the lower triangle of L
     """
 
+    m: int
     indptr: Places
     indices: Places
     order: Indices
@@ -75,7 +76,8 @@ class Pattern(NamedTuple):
 
     def fits(self, A: sp.csc_array) -> bool:
         """Whether A has this pattern."""
-        return same(self.indptr, A.indptr) and same(self.indices, A.indices)
+        same_size = self.m == A.shape[0]
+        return same_size and same(self.indptr, A.indptr) and same(self.indices, A.indices)
 
 
 def is_narrow(A: sp.csc_array) -> bool:
@@ -110,7 +112,7 @@ def make_pattern(A: sp.csc_array) -> Pattern:
     blocks = np.concatenate([[0], np.cumsum(width * height)])
     Up, Ut, Ua, Ub = updates(first, front, Rp, Ri)
     return Pattern(
-        *(indptr, indices, order, padded_rows(m, order, indptr, indices)),
+        *(m, indptr, indices, order, padded_rows(m, order, indptr, indices)),
         *(Gp, Gi, places_in_L(Gp, Gi, first, front, Rp, Ri, blocks)),
         *(first, front, Rp, Ri, blocks, Up, Ut, Ua, Ub),
         change_flops(first, front, Rp, Ri, Up, Ut),
@@ -132,11 +134,11 @@ def contact_order(m: int, indptr: Places, indices: Places) -> Indices:
     total = np.concatenate([[0], np.cumsum(label[indices], dtype=np.uint64)]).astype(np.uint64)
     _, first, group = np.unique(np.diff(total[indptr]), return_index=True, return_inverse=True)
     Gp, Gi = neighbours(m, first, indptr, indices, False)
-    degree = np.diff(Gp)
-    own = Gi == np.repeat(np.arange(first.size), degree)
-    values = np.where(own, 2.0 * degree.max(), 1.0)  # dominant, so that no pivot is moved
+    graph = sp.csc_matrix((np.ones(Gi.size), Gi, Gp), shape=(first.size, first.size))
+    # dominant, so that no pivot is moved; a column without entries has itself only
+    diagonal = 2.0 * max(1, np.diff(Gp).max()) * sp.eye(first.size, format="csc")
     place = splu(
-        sp.csc_matrix((values, Gi, Gp), shape=(first.size, first.size)),
+        graph + diagonal,
         permc_spec="MMD_AT_PLUS_A",
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},

@@ -44,6 +44,8 @@ DIRECTIONS, CHANGES, FACTORIZATIONS, UPDATES, CG_ITERATIONS, FLOPS = range(5, 11
 INTERVAL, PASSES = 11, 12
 # … and what the online rule remembers
 DUE, CAP, CYCLES = 13, 14, 15
+SOLVED, INACCURATE, OUT_OF_PASSES = 0, 1, 2
+"""What row COUNTS holds at STATUS."""
 LANES = 16
 """Loops along m run over multiples of this; n is one, too."""
 

@@ -62,8 +62,10 @@ class Clarabel(ProgramSolver):
             settings.tol_feas = posed.residual_tolerance(asked, 1e-13)
             settings.static_regularization_constant = 1e-12
         P, q, G, h, equal, _ = arrays
-        if carried is not None and all(
-            same_pattern(carried.native.arrays[i], arrays[i]) for i in (0, 2)
+        if (
+            carried is not None
+            and carried.native.arrays[4] == equal
+            and all(same_pattern(carried.native.arrays[i], arrays[i]) for i in (0, 2))
         ):
             solver = carried.native.object
             solver.update(P=P.data, q=q, A=G.data, b=h, settings=settings)

@@ -21,16 +21,12 @@ import daqp
 import numpy as np
 
 from problems.qp import AT_LOWER, AT_UPPER, ContactQP, Status
-from solvers.adapters.forms import MANY, Built, Native, Outcome, Posed
+from solvers.adapters.forms import Built, Native, Outcome
+from solvers.adapters.inner_options import last_step
 from solvers.adapters.programs import Program, ProgramSolver
 from solvers.base import Start
 
 _ACTIVE, _LOWER, _EQUATION = 1, 2, 5  # bits of DAQP's `sense`
-
-
-def _step(posed: Posed) -> float:
-    """The proximal step that is the last one."""
-    return 1e-13 * posed.n if posed.n > MANY else 1e-14
 
 
 @dataclass(frozen=True)
@@ -68,7 +64,7 @@ class DAQP(ProgramSolver):
         settings: dict[str, float] = {"iter_limit": self.max_iterations}
         if asked is not None:
             tolerance = built.posed.residual_tolerance(asked, 1e-14)
-            step = _step(built.posed)
+            step = last_step(built.posed)
             settings |= {"primal_tol": tolerance, "dual_tol": tolerance, "eta_prox": step}
         return built._replace(arrays=(settings, built.arrays))
 

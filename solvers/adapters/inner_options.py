@@ -2,8 +2,8 @@
 
 Each entry makes the package's own options of the KKT residual and the duality gap that the accuracy
 asked for allows (`Posed.residual_tolerance`, `Posed.gap_tolerance`); no residual below 1e-12 is
-asked for.  HiGHS is left as it is, with 1e-7 on the diagonal of P: see its adapter for
-what goes wrong without it.  quadprog has no options.
+asked for.  The reasons are in the packages' own adapters.  HiGHS is left as it is, with 1e-7 on the
+diagonal of P: see its adapter for what goes wrong without it.  quadprog has no options.
 """
 
 from __future__ import annotations
@@ -11,42 +11,58 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from solvers.adapters.forms import Posed
+from solvers.adapters.forms import MANY, Posed
 
-OPTIONS: dict[str, Callable[[float, float], dict[str, Any]]] = {
-    "proxqp": lambda residual, gap: {
+NEVER = 1e-14
+"""OSQP's and ProxQP's bound for certificates of infeasibility: no QP here is infeasible."""
+
+
+def last_step(posed: Posed) -> float:
+    """The proximal step of DAQP that is the last one."""
+    return 1e-13 * posed.n if posed.n > MANY else 1e-14
+
+
+OPTIONS: dict[str, Callable[[Posed, float, float], dict[str, Any]]] = {
+    "proxqp": lambda posed, residual, gap: {
         "eps_abs": residual,
         "eps_rel": 0.0,
         "check_duality_gap": True,
         "eps_duality_gap_abs": max(gap, 1e-13),
-        "eps_duality_gap_rel": 0.0,
+        "eps_duality_gap_rel": posed.gap_share,
     },
-    "clarabel": lambda residual, gap: {
+    "clarabel": lambda posed, residual, gap: {
         "tol_feas": residual,
         "tol_gap_abs": max(gap, 1e-13),
-        "tol_gap_rel": 0.0,
+        "tol_gap_rel": posed.gap_share,
     },
-    "osqp": lambda residual, gap: {"eps_abs": residual, "eps_rel": 0.0, "max_iter": 20_000},
-    "scs": lambda residual, gap: {"eps_abs": residual, "eps_rel": 0.0, "max_iters": 20_000},
-    "piqp": lambda residual, gap: {
+    "osqp": lambda posed, residual, gap: {
+        "eps_abs": residual,
+        "eps_rel": 0.0,
+        "eps_prim_inf": NEVER,
+        "eps_dual_inf": NEVER,
+        "max_iter": 20_000,
+    },
+    "scs": lambda posed, residual, gap: {"eps_abs": residual, "eps_rel": 0.0, "max_iters": 20_000},
+    "piqp": lambda posed, residual, gap: {
         "eps_abs": residual,
         "eps_rel": 0.0,
         "eps_duality_gap_abs": max(gap, 1e-14),
-        "eps_duality_gap_rel": 0.0,
+        "eps_duality_gap_rel": posed.gap_share,
     },
-    "daqp": lambda residual, gap: {
+    "daqp": lambda posed, residual, gap: {
         "primal_tol": residual,
         "dual_tol": residual,
-        "eta_prox": 1e-14,
+        "eta_prox": last_step(posed),
     },
-    "highs": lambda residual, gap: {},
-    "quadprog": lambda residual, gap: {},
+    "highs": lambda posed, residual, gap: {},
+    "quadprog": lambda posed, residual, gap: {},
 }
 
 
 def inner_options(variant: str, posed: Posed, asked: float) -> dict[str, Any]:
     """Options of the package `variant` for an error of `asked` in ‖A δx‖."""
-    return OPTIONS[variant](posed.residual_tolerance(asked, 1e-12), posed.gap_tolerance(asked, 0.0))
+    residual, gap = posed.residual_tolerance(asked, 1e-12), posed.gap_tolerance(asked, 0.0)
+    return OPTIONS[variant](posed, residual, gap)
 
 
 def check_variant(outer: str, variant: str, known: tuple[str, ...]) -> None:

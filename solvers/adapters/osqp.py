@@ -21,10 +21,9 @@ import osqp
 
 from problems.qp import Status
 from solvers.adapters.forms import Built, Native, Outcome, same_pattern
+from solvers.adapters.inner_options import NEVER
 from solvers.adapters.programs import Program, ProgramSolver
 from solvers.base import Start
-
-_NEVER = 1e-14  # bound for certificates of infeasibility: they do not exist here
 
 
 @dataclass(frozen=True)
@@ -60,8 +59,8 @@ class OSQP(ProgramSolver):
                 "eps_abs": posed.residual_tolerance(asked, 1e-12),
                 "eps_rel": 0.0,
                 "check_dualgap": False,
-                "eps_prim_inf": _NEVER,
-                "eps_dual_inf": _NEVER,
+                "eps_prim_inf": NEVER,
+                "eps_dual_inf": NEVER,
             }
         P, q, R, lower, upper = arrays
         matters = (0,) if self.posed_form == "normal" else (0, 2)

@@ -25,11 +25,16 @@ from proxsuite import proxqp
 
 from problems.qp import Status
 from solvers.adapters.forms import Built, Native, Outcome, same_pattern
+from solvers.adapters.inner_options import NEVER
 from solvers.adapters.programs import Program, ProgramSolver
 from solvers.base import Start
 
 _INFINITY = 1e20  # what proxsuite takes for an absent bound
-_NEVER = 1e-14  # bound for certificates of infeasibility: they do not exist here
+
+
+def _equations(arrays: Any) -> int:
+    """How many equations were handed over."""
+    return 0 if arrays[3] is None else int(arrays[3].size)
 
 
 @dataclass(frozen=True)
@@ -62,14 +67,15 @@ class ProxQP(ProgramSolver):
         """Update the workspace of the previous solve, or make one."""
         posed, arrays, carried, _, guess = problem
         family = proxqp.sparse if posed.is_sparse else proxqp.dense
-        if carried is not None and all(
-            same_pattern(carried.native.arrays[0][i], arrays[i])
+        equal, old = _equations(arrays), None if carried is None else carried.native.arrays[0]
+        if old is not None and all(
+            _equations(old) == equal and same_pattern(old[i], arrays[i])
             for i in (0, 2, 4)
             if arrays[i] is not None
         ):
-            solver, fill = carried.native.object, carried.native.object.update
+            solver = carried.native.object  # type: ignore[union-attr]
+            fill = solver.update
         else:
-            equal = 0 if arrays[3] is None else arrays[3].size
             solver = family.QP(arrays[1].size, equal, arrays[5].size)
             if family is proxqp.sparse:
                 solver.settings.sparse_backend = proxqp.SparseBackend.SparseCholesky
@@ -78,7 +84,7 @@ class ProxQP(ProgramSolver):
         settings.max_iter = self.max_iterations
         if asked is not None:
             settings.eps_abs, settings.eps_rel = posed.residual_tolerance(asked, 1e-13), 0.0
-            settings.eps_primal_inf = settings.eps_dual_inf = _NEVER
+            settings.eps_primal_inf = settings.eps_dual_inf = NEVER
             settings.check_duality_gap, settings.eps_duality_gap_rel = True, posed.gap_share
             settings.eps_duality_gap_abs = posed.gap_tolerance(asked, 1e-13)
         fill(*arrays)

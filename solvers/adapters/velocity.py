@@ -170,12 +170,17 @@ def _solve(
             x[j] = upper[j] if s[blocking] > 0 else lower[j]
             kinks.delete(np.arange(K.size) != blocking)
             barred.clear()
-        _settle(kinks, q, lower, upper, x)
+        if _settle(kinks, q, lower, upper, x):
+            barred.clear()
     return x, steps, "iteration limit"
 
 
-def _settle(kinks: _Kinks, q: Vector, lower: Vector, upper: Vector, x: Vector) -> None:
-    """Solve Δ_K = 0 for x_K, in place; rows that would break a bound leave their kinks there."""
+def _settle(kinks: _Kinks, q: Vector, lower: Vector, upper: Vector, x: Vector) -> bool:
+    """Solve Δ_K = 0 for x_K, in place; rows that would break a bound leave their kinks there.
+
+    Returns whether any did.
+    """
+    left = False
     while kinks.rows.size:
         K = kinks.rows
         gradient = q[K] + kinks.A[:, K].T @ (kinks.A @ x)
@@ -184,5 +189,7 @@ def _settle(kinks: _Kinks, q: Vector, lower: Vector, upper: Vector, x: Vector) -
         x[K] = np.clip(new, lower[K], upper[K])
         inside = (new > lower[K]) & (new < upper[K])
         if inside.all():
-            return
+            break
         kinks.delete(inside)
+        left = True
+    return left
