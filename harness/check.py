@@ -156,7 +156,7 @@ def check_scene(label: str, until: float | None = None) -> Iterator[Finding]:
     yield Finding("is made alike twice", same, "yes" if same else "no: give its chance a seed")
     solver = make_solver("lotstedt")
     run = simulate(scene, solver, until=until)
-    yield Finding("moves", True, f"to t = {run.t[-1]:g} s in {len(run.t)} steps")
+    yield Finding("moves", True, f"to t = {run.t[-1]:g} s in {run.counts['steps']} steps")
     found = physics_of(run)
     words = ", ".join(f"{what} {value:.2g}" for what, value in found.items())
     yield Finding("physics (told, not judged)", True, words)

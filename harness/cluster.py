@@ -31,11 +31,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pandas as pd
 
+from harness.facts import setting_name
+from harness.isolate import MEMORY_LIMIT, TIME_LIMIT
 from harness.live_process import server
 from harness.machine import problems_version, solver_version
 from harness.record import Progress
 from harness.recording import Recording, read_recording
-from harness.replay import MEMORY_LIMIT, replay
+from harness.replay import is_done, replay
 from harness.starts import has_arm
 from harness.store import ShardKey, Store, read_results
 from solvers.registry import solver_class
@@ -130,7 +132,7 @@ def replay_on(
     *,
     results: str | Path | None = None,
     timed: bool = True,
-    time_limit: float = 1.0,
+    time_limit: float = TIME_LIMIT,
     memory_limit: float = MEMORY_LIMIT,
     progress: Progress | None = None,
     **options: Any,
@@ -153,6 +155,7 @@ def replay_on(
                 time_limit=time_limit, memory_limit=memory_limit, progress=progress, **options,
             )  # fmt: skip
     loaded = [r if isinstance(r, Recording) else read_recording(r) for r in recordings]
+    settings = list(dict.fromkeys(setting_name(setting) for setting in settings))
     options |= {"time_limit": time_limit, "memory_limit": memory_limit}
     if not timed:
         options["repeats"] = 1
@@ -170,9 +173,12 @@ def replay_on(
     # as results of tasks, and not scattered, so that what a lost worker held is made again
     contents = [client.submit(_as_it_is, path.read_bytes(), pure=False) for path in paths]
     versions = {"problems": problems_version(), **{name: solver_version(name) for name in solvers}}
+    keys = {job: _keys(job, loaded, arms, versions, options) for job in jobs}
+    store.refuse_mixture(key for job in jobs for key in keys[job])
+    asked = {name: options[name] for name in ("repeats", "slow_pass") if name in options}
     futures = {}
     for job in jobs:
-        if all(store.holds(key) for key in _keys(job, loaded, arms, versions, options)):
+        if all(is_done(store.made_anywhere(key), **asked) for key in keys[job]):
             done += sizes[job]
             continue
         future = client.submit(

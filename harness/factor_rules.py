@@ -102,7 +102,7 @@ def online() -> Rule:
 
 
 def as_shipped() -> Rule:
-    """The solver's default: today's A_F where it is small, else online, with x extrapolated."""
+    """The solver's default: today's A_F if it is small, else online; x extrapolated if sparse."""
     return Rule("as shipped")
 
 

@@ -222,6 +222,8 @@ def _too_slow(rows: list[dict[str, Any]], family: str, k: int, limit: float) -> 
         if len(known) < 2 or known[-1]["reason"]:
             continue
         before, last = known[-2:]
+        if not 0 < before["k"] < last["k"]:
+            continue
         power = log(last["call_time"] / before["call_time"]) / log(last["k"] / before["k"])
         expected = last["call_time"] * (k / last["k"]) ** max(1.0, power)
         if expected > FAR * limit:

@@ -38,6 +38,8 @@ from harness.recording import Recording
 from harness.sheet import Layout, Sheet
 from harness.starts import after_restart, order_of
 
+TIME_LIMIT, MEMORY_LIMIT = 1.0, 4.0
+"""`Limits` if nothing else is said [s, GiB]."""
 WARM_UP = 1.0
 """Longest warm-up of a process [s]."""
 FIRST_CALL = 20.0

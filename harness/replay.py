@@ -31,7 +31,16 @@ import pandas as pd
 from harness.calibration import calibrate
 from harness.facts import Facts, facts_of, setting_name
 from harness.in_process import InProcess
-from harness.isolate import Block, Limits, Pass, Task, hard_limit, is_available
+from harness.isolate import (
+    MEMORY_LIMIT,
+    TIME_LIMIT,
+    Block,
+    Limits,
+    Pass,
+    Task,
+    hard_limit,
+    is_available,
+)
 from harness.judge import judge
 from harness.machine import machine_label, solver_version
 from harness.measure import Outcome, believed, pose, run_pass
@@ -44,10 +53,10 @@ from problems.qp import WorkCounts
 from solvers import make_solver
 from solvers.registry import solver_class
 
-MEMORY_LIMIT = 4.0
-"""What a solver may take beyond what its process starts with, if nothing else is said [GiB]."""
 DOUBT = "its own clock is not believed: ours, around the whole call, is used"
 CALL = TIMES.index("call_time")
+REPEATS, SLOW_PASS = 3, 10.0
+"""Passes of a run, and seconds of one beyond which it is not repeated, if nothing else is said."""
 JUDGED = (
     *("verdict", "primal_residual", "dual_residual", "duality_gap"),
     *("glambda_error", "eps0_ratio", "error_bound", "objective_error", "lambda_distance"),
@@ -69,17 +78,18 @@ class Run:
         """Number of passes that are stored."""
         return 0 if self.shard is None else self.shard.passes.shape[0]
 
-    def is_done(self, repeats: int, slow_pass: float) -> bool:
-        """Whether no pass is left to do."""
-        if self.shard is None:
-            return False
-        calls = self.shard.passes[:, :, CALL]
-        return (
-            self.passes >= repeats
-            or float(np.nansum(calls[0])) > slow_pass
-            or float(np.nanmax(calls, initial=0.0)) > hard_limit(self.key.time_limit)
-            or any(row["verdict"] == "crashed" for row in self.shard.rows)
-        )
+
+def is_done(shard: Shard | None, repeats: int = REPEATS, slow_pass: float = SLOW_PASS) -> bool:
+    """Whether no pass is left to do."""
+    if shard is None:
+        return False
+    calls = shard.passes[:, :, CALL]
+    return (
+        len(calls) >= repeats
+        or float(np.nansum(calls[0])) > slow_pass
+        or float(np.nanmax(calls, initial=0.0)) > hard_limit(shard.key.time_limit)
+        or any(row["verdict"] == "crashed" for row in shard.rows)
+    )
 
 
 def replay(
@@ -89,10 +99,10 @@ def replay(
     arms: Sequence[str] = ARMS,
     *,
     results: str | Path | None = None,
-    repeats: int = 3,
-    time_limit: float = 1.0,
+    repeats: int = REPEATS,
+    time_limit: float = TIME_LIMIT,
     memory_limit: float = MEMORY_LIMIT,
-    slow_pass: float = 10.0,
+    slow_pass: float = SLOW_PASS,
     study: str = "",
     isolate: bool = True,
     progress: Progress | None = None,
@@ -150,13 +160,14 @@ def replay(
         for recording in loaded
         for setting in settings
     ]
+    store.refuse_mixture(run.key for _, _, runs in blocks for run in runs)
     total = sum(len(recording.qps) * len(runs) * repeats for recording, _, runs in blocks)
     counter = _Counter(total, progress)
     facts: dict[str, list[Facts]] = {}
     clock = time.perf_counter
     for recording, setting, runs in blocks:
         path = store.add_recording(recording)
-        if all(run.is_done(repeats, slow_pass) for run in runs):
+        if all(is_done(run.shard, repeats, slow_pass) for run in runs):
             counter.add("", len(recording.qps) * len(runs) * repeats)
             continue
         spent = dict.fromkeys(SPENT, 0.0)
@@ -173,7 +184,7 @@ def replay(
             for turn in range(repeats):
                 for run in runs:
                     before = counter.done
-                    if run.passes <= turn and not run.is_done(repeats, slow_pass):
+                    if run.passes <= turn and not is_done(run.shard, repeats, slow_pass):
                         pace = calibrate()
                         spent["in_passes"] -= clock()
                         done = block.do_pass(run.task, partial(counter.add, run.key.name))

@@ -23,7 +23,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -34,6 +34,7 @@ import pandas as pd
 import pyarrow as pa
 
 from harness.folder_lock import lock_folder
+from harness.isolate import TIME_LIMIT
 from harness.recording import Recording, RecordingError, read_recording, write_recording
 from harness.shard_file import (
     COLUMNS,
@@ -80,12 +81,15 @@ AGREE: dict[str, tuple[str, ...]] = {
 }
 """Fields of `ShardKey` that must be the same in all shards that share the fields beside them."""
 
+Seen = dict[tuple[str, ...], tuple[Any, str]]
+"""What shards agree on so far, and where it was first."""
+
 
 class Store:
     """A results folder that is written to, by this process alone as long as this object lives.
 
-    Raises StoreError where the folder cannot be written to, Locked where another process is writing
-    into it, and StoreError where it holds results that today's may not be mixed with.
+    Raises StoreError where the folder cannot be written to, and Locked where another process is
+    writing into it.
     """
 
     def __init__(self, folder: str | os.PathLike[str]) -> None:
@@ -129,9 +133,7 @@ class Store:
                     f"{path}: made with {name} {before!r}, now {value!r}; "
                     "results may not be mixed: use another results folder, or delete this file"
                 )
-        study = stored.rows["study"][0].as_py() if stored.rows.num_rows else ""
-        rows = stored.rows.drop_columns([*FROM_KEY, *FROM_PASSES, "study"]).to_pylist()
-        return Shard(key, rows, stored.passes, study)
+        return _shard_of(stored)
 
     def save(self, shard: Shard) -> None:
         """Write the shard over an earlier one of the same key, at once or not at all."""
@@ -151,13 +153,21 @@ class Store:
         with self._written(path):
             write_whole(path, content)
 
-    def holds(self, key: ShardKey) -> bool:
-        """Whether there is a shard of this key, on whatever machine it was made."""
+    def made_anywhere(self, key: ShardKey) -> Shard | None:
+        """The shard of this key as far as it was finished, on whatever machine, or None."""
         path = self._path(key)
         if not path.exists():
-            return False
-        made = read_shard(path).key
-        return replace(made, machine=key.machine) == key
+            return None
+        stored = read_shard(path)
+        return _shard_of(stored) if replace(stored.key, machine=key.machine) == key else None
+
+    def refuse_mixture(self, keys: Iterable[ShardKey]) -> None:
+        """Raise StoreError where shards of these keys may not stand beside those that are there."""
+        seen: Seen = {}
+        for stored in read_shards(self.folder):
+            _agree(seen, stored.key, self._path(stored.key), "made")
+        for key in keys:
+            _agree(seen, key, self._path(key), "to be made")
 
     def write_study(self, description: Mapping[str, Any]) -> None:
         """Write study.json: machine, versions, arguments."""
@@ -226,6 +236,14 @@ def read_paces(folder: str | os.PathLike[str]) -> list[float]:
     ]
 
 
+def read_time_limit(folder: str | os.PathLike[str]) -> float:
+    """[s] per solve, of all shards; the default where there is none.
+
+    Raises StoreError like `read_results`.
+    """
+    return next((shard.key.time_limit for shard in read_shards(Path(folder))), TIME_LIMIT)
+
+
 def read_study(folder: str | os.PathLike[str]) -> dict[str, Any]:
     """What study.json says; empty where there is none that can be read."""
     try:
@@ -246,19 +264,30 @@ def read_spent(folder: str | os.PathLike[str]) -> dict[str, float]:
 
 def read_shards(folder: Path) -> Iterator[StoredShard]:
     """All shards, in order of their names.  Raises StoreError like `read_results`."""
-    seen: dict[tuple[str, ...], tuple[Any, str]] = {}
+    seen: Seen = {}
     for path in sorted((folder / "solves").glob("*.parquet")):
         shard = read_shard(path)
-        for name, shared in AGREE.items():
-            value = getattr(shard.key, name)
-            which = (name, *(str(getattr(shard.key, other)) for other in shared))
-            first, where = seen.setdefault(which, (value, path.name))
-            if first != value:
-                raise StoreError(
-                    f"{path}: made with {name} {value!r}, but {where} with {first!r}; "
-                    "results may not be mixed: delete one of them"
-                )
+        _agree(seen, shard.key, path, "made")
         yield shard
+
+
+def _agree(seen: Seen, key: ShardKey, path: Path, made: str) -> None:
+    """Raise StoreError where a key differs from those `seen` in what must be the same (`AGREE`)."""
+    for name, shared in AGREE.items():
+        value = getattr(key, name)
+        which = (name, *(str(getattr(key, other)) for other in shared))
+        first, where = seen.setdefault(which, (value, path.name))
+        if first != value:
+            raise StoreError(
+                f"{path}: {made} with {name} {value!r}, but {where} with {first!r}; results may "
+                "not be mixed: use another results folder, or delete one of them"
+            )
+
+
+def _shard_of(stored: StoredShard) -> Shard:
+    study = stored.rows["study"][0].as_py() if stored.rows.num_rows else ""
+    rows = stored.rows.drop_columns([*FROM_KEY, *FROM_PASSES, "study"]).to_pylist()
+    return Shard(stored.key, rows, stored.passes, study)
 
 
 def _nullable(kind: pa.DataType) -> Any:

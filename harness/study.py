@@ -20,6 +20,7 @@ from typing import Any
 from harness.calibration import clock_facts
 from harness.cluster import replayer
 from harness.facts import SETTINGS
+from harness.isolate import TIME_LIMIT
 from harness.kept_recording import how_run, recording_in
 from harness.machine import library_versions, machine, solver_version
 from harness.record import Progress, record
@@ -51,7 +52,7 @@ class Plan:
     settings: tuple[str, ...] = SETTINGS
     arms: tuple[str, ...] = ARMS
     repeats: int = 3
-    time_limit: float = 1.0
+    time_limit: float = TIME_LIMIT
     slow_pass: float = 3.0
     only_installed: bool = False
 

@@ -11,6 +11,7 @@ import pandas as pd
 
 from harness.closed_loop import Findings
 from harness.in_loop import EXACT, METHOD, SLOPPY
+from harness.judge import VERIFIED_WITHIN
 from reports.findings import join
 from reports.table import percent, scientific, short, times
 
@@ -164,7 +165,8 @@ def _good(found: Sequence[Findings]) -> list[str]:
             f"exact QPs (within {times(AS_GOOD)} their error)."
         )
         if len(bad):
-            unnoticed = bad[bad["missed"] == 0]
+            within = bad[["eps0_ratio", "impulse_ratio"]].max(axis=1) <= VERIFIED_WITHIN
+            unnoticed = bad[(bad["missed"] == 0) & within]
             named = join(_named(bad, [metres(error) for error in bad["error"]]), most=8)
             text += f" Not so: {named}; the stepper noticed nothing."
             if len(unnoticed):
@@ -180,13 +182,16 @@ def _sloppy(found: Sequence[Findings]) -> list[str]:
     said = []
     for each in found:
         limits = {name: harmless(each, name) for name in SLOPPY if name in set(each.rows["solver"])}
-        if not limits:
+        factors = [factor(s) for s in each.rows["setting"] if s.endswith("x")]
+        if not limits or not factors:
             continue
-        least = min(factor(s) for s in each.rows["setting"] if s.endswith("x"))
+        least = min(factors)
         noises = {name: name[len("sloppy[") : -1] for name in limits}
         enough = [noises[name] for name, limit in limits.items() if limit >= 1]
         others = [noises[name] for name in limits if noises[name] not in enough]
-        if not others:
+        if others and least > 1:
+            text = f"{each.scene}: the accuracy ε₀ of (3.13) itself was not tried."
+        elif not others:
             text = f"{each.scene}: the accuracy ε₀ of (3.13) is enough, for {join(enough)}."
         elif enough:
             text = (
@@ -269,6 +274,6 @@ def _cost(found: Sequence[Findings]) -> list[str]:
         said.append(
             f"The calls of the solver take {percent(share.min())} ({share.idxmin()}) to "
             f"{percent(share.max())} ({share.idxmax()}) of the wall time of a loop; the rest is "
-            "the stepper's."
+            "the stepper's, and what it takes to know how accurate an answer is to be."
         )
     return said

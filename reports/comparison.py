@@ -9,7 +9,7 @@ mean over different QPs for different solvers; a shift that swallows the times i
    an unfinished replay) is left out and listed with its reason; the others are compared.
 3. Means run over the QPs that no compared run skipped, less those of free flight, which have no
    multiplier and so nothing to solve: the common set.
-4. A row that is not verified is charged `TIME_LIMIT`, whatever the solver claimed.
+4. A row that is not verified is charged the time limit, whatever the solver claimed.
 5. The mean is the shifted geometric mean exp(mean(log(t + s))) − s with s = `SHIFT`, far below the
    times measured, so that it does not turn into an arithmetic mean.
 """
@@ -24,9 +24,6 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from reports.results import ARMS, solver_order
-
-TIME_LIMIT = 1.0
-"""Seconds charged for a solve that is not verified."""
 
 SHIFT = 1e-6
 """Shift of the geometric means [s]."""
@@ -50,7 +47,7 @@ class Comparison:
     """Runs of one scene at one setting, on their common QPs.
 
     arm : "cold" or "warm"
-    rows : the rows of the compared runs on the common set, with a column `charged` [s]
+    rows : the rows of the compared runs on the common set
     qps, common : QPs of the scene with something to solve, and those that no compared run skipped
     without_warm : solvers that have no warm arm and stand with their cold one
     left_out : runs that are not compared
@@ -149,7 +146,6 @@ def compare(rows: pd.DataFrame, scene: str, setting: str, arm: str) -> Compariso
             skipped |= gone
     part = part[~part["solver"].isin([entry.solver for entry in left_out])]
     part = part[~part["problem"].isin(skipped)]
-    part = part.assign(charged=np.where(part["verified"], part["runtime"], TIME_LIMIT))
     return Comparison(
         scene=scene,
         setting=setting,

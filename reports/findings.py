@@ -108,7 +108,7 @@ def which_method(results: Results) -> Answer | None:
     wins, defeats = scene_wins(results, setting, arm)
     if wins or defeats:
         said.append(
-            (f"By the median it is the fastest on {join(wins)}" if wins else "")
+            (f"By the median {METHOD} is the fastest on {join(wins)}" if wins else "")
             + ("; " if wins and defeats else "")
             + (
                 ("it loses on " if wins else f"By the median {METHOD} loses on ") + join(defeats)

@@ -261,13 +261,15 @@ def _panel(axes: Axes, part: pd.DataFrame) -> None:
 
 
 def forms_answer(results: Results) -> Answer | None:
-    """What squaring the condition costs, in sentences; None where no form was run."""
+    """What squaring the condition costs, in sentences; None where too little is known of it."""
     rows = form_rows(results)
     if rows.empty or not {"normal"} < set(rows["form"]):
         return None
     strict = accuracy_setting(rows, results)
     at = rows[(rows["settings"] == strict) & (rows["arm"] == "cold")]
     share = _shares(at)
+    if "normal" not in share:
+        return None
     lossy = share.index[share["normal"] < 1 - NOTABLE]
     return Answer(
         "What does squaring the condition cost?",

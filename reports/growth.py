@@ -308,8 +308,9 @@ def _page(points: pd.DataFrame, tables: Sequence[Table]) -> str:
     largest = int(points["k"].max())
     introduction = (
         f"QPs of {join(families_of(points))} with up to {largest:,} columns: {STEPS} steps of "
-        f"{1000 * STEP:g} ms of a slowly moving scene, replayed warm at accuracy `high` "
-        f"(1e-9 of the scale of the QP), every answer judged. One thread of {machine_label()}. "
+        f"{1000 * STEP:g} ms of a slowly moving scene, replayed warm, by who can, at "
+        "accuracy `high` (1e-9 of the scale of the QP), every answer judged. One thread of "
+        f"{machine_label()}. "
         "Hollow markers: not every answer is verified."
     )
     parts = [

@@ -36,7 +36,13 @@ from reports.findings import Answer, how_accurate, join, warm_start_worth, which
 from reports.forms import form_rows, forms_answer, forms_tables, plot_forms
 from reports.frames import plot_scene
 from reports.page_figures import PageFigures
-from reports.pareto import ALL, pareto_answer, pareto_tables, plot_pareto, sweep_rows
+from reports.pareto import (
+    pareto_answer,
+    pareto_tables,
+    plot_pareto,
+    sweep_rows,
+    swept_scenes,
+)
 from reports.physics import physics_table
 from reports.protocol import protocol, recordings_table, reproduce, versions_table
 from reports.results import ARMS, METHOD, Results, is_method, load_results
@@ -250,9 +256,9 @@ class _Writer:
 
     def pareto(self) -> dict[str, Any] | None:
         tables = [self.table(table) for table in pareto_tables(self.results)]
-        if not tables:
+        swept = swept_scenes(sweep_rows(self.results))
+        if not tables and not swept:
             return None
-        swept = [ALL, *sorted(sweep_rows(self.results)["scene"].unique())]
         figures = [
             self.figure(
                 f"pareto_{scene}",
@@ -370,12 +376,28 @@ def unflattering(results: Results) -> list[str] | None:
     """Where the paper's method does not win, or a warm start slows it; None if it was not run."""
     if METHOD not in results.solvers:
         return None
-    said = []
+    said: list[str] = []
+    against_others = alone = 0
     for setting in results.settings:
-        for scene in results.scenes:
-            for arm in ARMS:
-                said += losses(compare(results.rows, scene, setting, arm))
+        for scene, arm in _runs(results):
+            comparison = compare(results.rows, scene, setting, arm)
+            said += losses(comparison)
+            if METHOD in comparison.solvers and not all(map(is_method, comparison.solvers)):
+                against_others += 1
+            elif comparison.qps:
+                alone += 1
         said += slow_starts(results, setting)
+    if said:
+        return said
+    if not against_others:
+        return [f"{METHOD} was compared with nobody else."]
+    said = [
+        "Nowhere in this study: in each comparison of a scene, an arm and a setting in which it "
+        f"stood against others ({against_others}) {METHOD} was verified on every QP and had the "
+        "least median time."
+    ]
+    if alone:
+        said.append(f"In {alone} more it, or everybody else, was missing.")
     return said
 
 
@@ -398,10 +420,20 @@ def _times(recording: Any) -> str:
     return f"chosen times from {float(recording.t[0]):.2f} s to {float(recording.t[-1]):.2f} s"
 
 
+def _runs(results: Results) -> list[tuple[str, str]]:
+    """All scenes, in either arm."""
+    return [(scene, arm) for scene in results.scenes for arm in ARMS]
+
+
 def _with_solves(results: Results) -> list[str]:
-    """Settings at which something was solved and not only skipped."""
-    solved = set(results.rows.loc[~results.rows["skipped"], "settings"].unique())
-    return [name for name in results.settings if name in solved]
+    """Settings at which there are times to compare."""
+    return [
+        setting
+        for setting in results.settings
+        if any(
+            len(compare(results.rows, scene, setting, arm).rows) for scene, arm in _runs(results)
+        )
+    ]
 
 
 def _with_errors(results: Results) -> list[str]:

@@ -119,9 +119,23 @@ def arms_of(rows: pd.DataFrame) -> list[str]:
 
 
 def pareto_tables(results: Results) -> list[Table]:
-    """Points of all scenes together, one table per arm; nothing where nothing was swept."""
+    """Points of all scenes together, one table per arm; nothing where nobody was swept on all."""
     rows = sweep_rows(results)
-    return [_table(pareto_points(rows, ALL, arm), arm) for arm in arms_of(rows)]
+    points = {arm: pareto_points(rows, ALL, arm) for arm in arms_of(rows)}
+    return [_table(found, arm) for arm, found in points.items() if len(found)]
+
+
+def swept_scenes(rows: pd.DataFrame) -> list[str]:
+    """`ALL` and the scenes, as far as there are points to draw."""
+    return [
+        scene
+        for scene in (ALL, *sorted(rows["scene"].unique()))
+        if any(_can_be_drawn(pareto_points(rows, scene, arm)) for arm in arms_of(rows))
+    ]
+
+
+def _can_be_drawn(points: pd.DataFrame) -> bool:
+    return bool(np.isfinite(points["error"].to_numpy(float)).any())
 
 
 def _table(points: pd.DataFrame, arm: str) -> Table:
@@ -169,7 +183,7 @@ def plot_pareto(results: Results, scene: str, path: str | Path) -> Path:
     """
     rows = sweep_rows(results)
     panels = {arm: pareto_points(rows, scene, arm) for arm in arms_of(rows)}
-    panels = {arm: points for arm, points in panels.items() if len(points)}
+    panels = {arm: points for arm, points in panels.items() if _can_be_drawn(points)}
     if not panels:
         raise ValueError(f"no accuracies given as numbers were run on {scene}")
     every = pd.concat(panels.values())
@@ -328,6 +342,7 @@ def _price(points: pd.DataFrame) -> list[str]:
     own = swept[swept["solver"] == METHOD]
     if len(own):
         said.append(
-            f"{METHOD} gives {scientific(own['error'].max())} or better, whatever it is asked for."
+            f"In nine QPs of ten {METHOD} gives {scientific(own['error'].max())} or better, "
+            "whatever it is asked for."
         )
     return said

@@ -8,10 +8,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from reports.comparison import SHIFT, SKIP_LIMIT, TIME_LIMIT
+from harness.isolate import TIME_LIMIT
+from problems.options import StepperOptions
+from reports.comparison import SHIFT, SKIP_LIMIT
 from reports.results import ARMS, Results, in_order, solver_order
 from reports.table import Table, percent, scientific, short, whole
 
+RUN_OPTIONS = (
+    *("eps", "until", "fixed_step", "stops", "friction", "impulses"),
+    *("drop_tol", "drift", "drift_time"),
+)
+"""Options of `glambda record` about how a scene is run."""
 SLOW_PASS = 1.1
 """A pass that begins at more than this multiple of the median pace is counted as slow."""
 
@@ -50,8 +57,8 @@ def protocol(results: Results) -> list[tuple[str, str]]:
         (
             "Means",
             f"Shifted geometric, shift {1e6 * SHIFT:g} µs.  A solve that is not verified is "
-            f"charged {TIME_LIMIT:g} s.  Only over QPs that no compared backend skipped; one that "
-            f"skipped more than {percent(SKIP_LIMIT)} of a scene is left out of it and named.",
+            f"charged {results.time_limit:g} s.  Only over QPs that no compared backend skipped; "
+            f"one that skipped more than {percent(SKIP_LIMIT)} of a scene is left out and named.",
         ),
     ]
     said += [(term, text) for term, text in _machine(results) if text]
@@ -182,7 +189,8 @@ def reproduce(results: Results) -> str:
         lines.append(
             f"glambda replay recordings/*.h5 --solvers '{','.join(results.solvers)}' \\\n"
             f"    --settings {','.join(results.settings)} "
-            f"--arms {','.join(in_order(results.rows['arm'].unique(), ARMS))} -o results"
+            f"--arms {','.join(in_order(results.rows['arm'].unique(), ARMS))}"
+            f"{_limit(results)} -o results"
         )
         problem = str(results.rows["problem"].iloc[0])
         scene, _, number = problem.rpartition("/")
@@ -212,15 +220,20 @@ def _campaign_commands(results: Results) -> list[str]:
         arms = ",".join(in_order(part["arm"].unique(), ARMS))
         lines.append(
             f"glambda replay {files} --solvers '{solvers}' \\\n"
-            f"    --settings {setting} --arms {arms} -o results"
+            f"    --settings {setting} --arms {arms}{_limit(results)} -o results"
         )
     return lines
+
+
+def _limit(results: Results) -> str:
+    usual = results.time_limit == TIME_LIMIT
+    return "" if usual else f" --time-limit {results.time_limit:g}"
 
 
 def record_command(label: str, parameters: Mapping[str, Any]) -> str:
     """The command that records a scene, from its label such as "fig4,mu_I=0.8".
 
-    parameters : of the recording; they tell whether it ended before the scene's own end
+    parameters : of the recording; they tell how it was run
 
     A stretched recording is made from that of its scene.
     """
@@ -228,8 +241,33 @@ def record_command(label: str, parameters: Mapping[str, Any]) -> str:
     if stretched:
         return f"glambda stretch recordings/{original}.h5 --condition {condition} -o recordings"
     name, *chosen = label.split(",")
+    how: dict[str, Any] = {}
+    if chosen and chosen[-1].startswith("friction="):  # of the run, and not of the scene
+        how["friction"] = chosen.pop().removeprefix("friction=")
+    how |= {name[4:]: value for name, value in parameters.items() if name.startswith("run.")}
     options = "".join(f" --set {entry}" for entry in chosen)
-    until = parameters.get("run.until")
-    if until is not None and until != parameters.get("end_time"):
-        options += f" --until {until:g}"
-    return f"glambda record {name}{options} -o recordings"
+    unusual = {
+        option: value
+        for option, value in how.items()
+        if option != "solver" and value != _usual(option, how, parameters)
+    }
+    for option in [option for option in RUN_OPTIONS if option in unusual]:
+        options += f" --{option.replace('_', '-')} {_text(unusual.pop(option))}"
+    more = ", ".join(f"{option}={_text(value)}" for option, value in unusual.items())
+    in_python = f"  # from Python: {more}" if more else ""
+    return f"glambda record {name}{options} -o recordings{in_python}"
+
+
+def _text(value: Any) -> str:
+    short = f"{value:g}" if isinstance(value, float) else str(value)
+    return short if not isinstance(value, float) or float(short) == value else repr(value)
+
+
+def _usual(option: str, how: Mapping[str, Any], parameters: Mapping[str, Any]) -> Any:
+    """What `glambda record` does if it is not told."""
+    if option == "until":
+        return parameters.get("end_time")
+    if option == "eps":
+        return parameters.get("eps")
+    usual = StepperOptions.of(how["eps"]) if "eps" in how else StepperOptions.of(1.0)
+    return getattr(usual, option)

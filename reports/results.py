@@ -7,7 +7,8 @@ still a page.  What is missing is said in `Results.missing`, never passed over.
 1. Read the recordings and the rows.
 2. Check that the rows have the columns that the tables need, that no (solver, settings, arm, QP)
    occurs twice, that one scene has one recording, and that it is the one that is stored.
-3. Add what every table needs: `verified`, `skipped`, `asked_ratio` = error / accuracy asked.
+3. Add what every table needs: `verified`, `skipped`, `asked_ratio` = error / accuracy asked, and
+   the time that is `charged`.
 4. Set the rows of campaigns apart: other arms than cold and warm, accuracies given as numbers,
    packages posed in a form of choice.  `Results.rows` is the study without them; the sections on
    starts, accuracy against time, and forms read `Results.everything`.
@@ -25,6 +26,7 @@ import pandas as pd
 
 from harness.facts import SETTINGS
 from harness.in_loop import METHOD
+from harness.isolate import TIME_LIMIT
 from harness.starts import ARMS
 
 FORMS = ("normal", "residual", "velocity")
@@ -78,6 +80,7 @@ class Results:
     campaigns : the rows that are set apart
     paces : [s] of the calibration before every pass (`harness.calibration`)
     study : what study.json says;  spent : seconds of the replay (`harness.store.read_spent`)
+    time_limit : [s] per solve
     """
 
     rows: pd.DataFrame
@@ -87,6 +90,7 @@ class Results:
     paces: tuple[float, ...] = ()
     study: Mapping[str, Any] = field(default_factory=dict)
     spent: Mapping[str, float] = field(default_factory=dict)
+    time_limit: float = TIME_LIMIT
 
     @property
     def everything(self) -> pd.DataFrame:
@@ -178,9 +182,10 @@ def empty_rows() -> pd.DataFrame:
     return prepare(pd.DataFrame({c: pd.Series(dtype=str if c in text else float) for c in COLUMNS}))
 
 
-def prepare(rows: pd.DataFrame) -> pd.DataFrame:
-    """Check stored rows and add `verified`, `skipped` and `asked_ratio`, sorted by problem.
+def prepare(rows: pd.DataFrame, time_limit: float = TIME_LIMIT) -> pd.DataFrame:
+    """Check stored rows and add `verified`, `skipped`, `asked_ratio` and `charged`, by problem.
 
+    `charged` [s] is the runtime, but `time_limit` for what is not verified, whatever was claimed.
     `asked_ratio` is ‖A(x − x*)‖ over the accuracy that the verdict is measured against; NaN where
     no reference was accepted.  Counts that a solver does not keep become NaN.
 
@@ -210,6 +215,7 @@ def prepare(rows: pd.DataFrame) -> pd.DataFrame:
         verified=rows["verdict"] == "verified",
         skipped=rows["verdict"] == "skipped",
         asked_ratio=rows["glambda_error"] * rows["scale"] / rows["asked"],
+        charged=rows["runtime"].where(rows["verdict"] == "verified", time_limit),
     )
 
 
@@ -220,7 +226,13 @@ def load_results(folder: str | Path) -> Results:
     the ValueError of a damaged recording.
     """
     from harness.recording import read_recording
-    from harness.store import read_paces, read_results, read_spent, read_study
+    from harness.store import (
+        read_paces,
+        read_results,
+        read_spent,
+        read_study,
+        read_time_limit,
+    )
 
     folder = Path(folder)
     if not folder.is_dir():
@@ -238,7 +250,8 @@ def load_results(folder: str | Path) -> Results:
         if recording.scene in recordings:
             raise ValueError(f"{folder} holds two recordings of {recording.scene}; keep one")
         recordings[recording.scene] = recording
-    everything = prepare(read_results(folder)) if solved else empty_rows()
+    time_limit = read_time_limit(folder)
+    everything = prepare(read_results(folder), time_limit) if solved else empty_rows()
     for scene, digest in everything.groupby("scene")["recording_digest"].first().items():
         if scene in recordings and recordings[scene].digest != digest:
             raise ValueError(
@@ -256,6 +269,7 @@ def load_results(folder: str | Path) -> Results:
         paces=tuple(read_paces(folder)),
         study=read_study(folder),
         spent=read_spent(folder),
+        time_limit=time_limit,
     )
 
 

@@ -69,8 +69,10 @@ def start_pairs(results: Results) -> pd.DataFrame:
     more : whether it took more iterations than cold.  better and worse are NaN where there was one
     pass only.  Empty where no such arm was run.
     """
-    rows = results.everything
-    rows = rows[(rows["settings"] == setting_of(results)) & ~rows["skipped"] & (rows["k"] > 0)]
+    setting, rows = setting_of(results), results.everything
+    if setting is None:
+        return pd.DataFrame()
+    rows = rows[(rows["settings"] == setting) & ~rows["skipped"] & (rows["k"] > 0)]
     columns = ["runtime", "runtime_median", "iterations", "verified"]
     key = ["scene", "solver", "problem"]
     started = rows["arm"].isin(ORDER) & rows["warm_started"].astype(bool)
@@ -122,10 +124,10 @@ def summarise(pairs: pd.DataFrame, by: list[str]) -> pd.DataFrame:
 
 
 def starts_tables(results: Results) -> list[Table]:
-    """The table of all scenes together, then one per scene; nothing without such arms."""
-    if setting_of(results) is None:
-        return []
+    """The table of all scenes together, then one per scene; nothing where nothing is compared."""
     pairs = start_pairs(results)
+    if pairs.empty:
+        return []
     scenes = sorted(pairs["scene"].unique())
     made = [_table(pairs, "starts", "What the quality of a start is worth", results)]
     if len(scenes) > 1:
@@ -172,17 +174,18 @@ def plot_starts(results: Results, path: str | Path) -> Path:
 
     Those of which nothing but warm was run share a panel below, a row each.
 
-    Raises ValueError where no such arm was run.
+    Raises ValueError where no such arm is to be compared with cold solves.
     """
-    if setting_of(results) is None:
-        raise ValueError("no arm beside cold and warm was run")
     pairs = start_pairs(results)
+    if pairs.empty:
+        raise ValueError("no arm beside cold and warm was run with a cold one to compare it with")
     arms = [arm for arm in ORDER if (pairs["arm"] == arm).any()]
     pooled = summarise(pairs, ["solver", "arm"])
     by_scene = summarise(pairs, ["solver", "scene", "arm"])
     count = pooled.groupby("solver").size()
-    solvers = sorted(count[count > 1].index, key=solver_order)
-    others = sorted(count[count == 1].index, key=solver_order)
+    several = count > 1 if (count > 1).any() else count > 0
+    solvers = sorted(count[several].index, key=solver_order)
+    others = sorted(count[~several].index, key=solver_order)
     with drawing() as Figure:
         across = min(4, len(solvers))
         down = -(-len(solvers) // across)
@@ -263,10 +266,11 @@ def _draw_times(axes: Axes, at: pd.DataFrame, places: Sequence[int], look: dict[
 
 
 def starts_answer(results: Results) -> Answer | None:
-    """What a start must be like, in sentences; None where no such arm was run."""
-    if setting_of(results) is None:
+    """What a start must be like, in sentences; None where nothing is compared."""
+    pairs = start_pairs(results)
+    if pairs.empty:
         return None
-    table = summarise(start_pairs(results), ["solver", "arm"])
+    table = summarise(pairs, ["solver", "arm"])
     solvers = list(dict.fromkeys(table["solver"]))
     table = table.set_index(["solver", "arm"])
     leader = METHOD if METHOD in solvers else solvers[0]

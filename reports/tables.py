@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from harness.facts import UNKNOWN, rank_of
-from reports.comparison import SHIFT, TIME_LIMIT, Comparison, compare, shifted_geometric_mean
+from reports.comparison import SHIFT, Comparison, compare, shifted_geometric_mean
 from reports.intervals import SURE, geometric_mean
 from reports.results import ARMS, METHOD, Results, is_method, solver_order
 from reports.table import Format, Table, microseconds, percent, scientific, times, whole
@@ -76,7 +76,7 @@ def _scene_row(results: Results, scene: str) -> dict[str, Any]:
         row["steps"] = int((accepted & (kind == "step")).sum())
         row["rejected"] = int((~accepted & (kind == "step")).sum())
     else:
-        # In free flight a step poses no QP, so the stepper's own counts are what tells.
+        # a step may pose several QPs, or be kept without one: the stepper's own counts tell
         row["until"] = float(recording.t[-1]) if len(recording.t) else np.nan
         row["steps"] = recording.counts.get("steps", np.nan)
         row["rejected"] = recording.counts.get("rejected_steps", np.nan)
@@ -224,9 +224,9 @@ def cost_table(results: Results, setting: str) -> Table:
             "median is over the QPs of the scene, as measured; ÷ best is that median over the one "
             "of the fastest backend that was verified on every QP (1×).  mean is the shifted "
             f"geometric mean with shift {1e6 * SHIFT:g} µs in which a solve that is not verified "
-            f"is charged {TIME_LIMIT:g} s.  All numbers of a scene run over the same QPs, those "
-            "that have a multiplier and that no compared backend skipped.  A backend without a "
-            "warm start stands under warm with its cold times, as it would cost in a simulation."
+            f"is charged {results.time_limit:g} s.  All numbers of a scene run over the same QPs, "
+            "those that have a multiplier and that no compared backend skipped.  A backend without "
+            "a warm start stands under warm with its cold times, as it would cost in a simulation."
         ),
         data=data,
         formats=formats,

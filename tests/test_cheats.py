@@ -16,12 +16,13 @@ import pytest
 from harness import judge, replay
 from harness.error_bound import error_bound
 from harness.facts import facts_of
+from harness.isolate import TIME_LIMIT
 from harness.judge import VERIFIED_WITHIN
 from harness.machine import solver_version
 from harness.oracle import reference
 from harness.recording import Reference
 from problems.qp import ContactQP, Vector, positions_of
-from reports.comparison import TIME_LIMIT, compare
+from reports.comparison import compare
 from reports.results import prepare
 from solvers import registry
 from solvers.active_set.method import Lotstedt

@@ -61,6 +61,13 @@ def test_what_is_there_is_not_sent_again(client: Any, tmp_path: Path) -> None:
     assert all(path.read_bytes() == content for path, content in before.items())
 
 
+def test_missing_passes_are_made(client: Any, tmp_path: Path) -> None:
+    recording, once = fake_recording(), OPTIONS | {"repeats": 1}
+    replay(recording, SOLVERS, ("paper",), ARMS, results=tmp_path, **once)
+    rows = replay_on(client, [recording], SOLVERS, ("paper",), ARMS, results=tmp_path, **OPTIONS)
+    assert (rows["repeats"] == OPTIONS["repeats"]).all()
+
+
 def test_jobs_for_accuracy_alone_make_one_pass(client: Any, tmp_path: Path) -> None:
     rows = replay_on(
         client, [fake_recording()], SOLVERS, ("high",), ARMS, results=tmp_path, timed=False,

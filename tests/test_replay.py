@@ -249,6 +249,17 @@ def test_other_qps_refuse_to_mix(tmp_path: Path) -> None:
         replay(replace(made, eps=5e-3), ["right"], results=tmp_path, repeats=1)
 
 
+def test_another_limit_is_refused_before_anything_is_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = fake_recording()
+    first = replay(made, ["right"], results=tmp_path, repeats=1)
+    monkeypatch.setattr(Block, "do_pass", None)
+    with pytest.raises(StoreError, match="to be made with time_limit 5"):
+        replay(made, ["liar"], results=tmp_path, repeats=1, time_limit=5.0)
+    assert first.equals(read_results(tmp_path))
+
+
 def test_recordings_may_be_paths(tmp_path: Path) -> None:
     write_recording(tmp_path / "fake.h5", fake_recording())
     rows = replay(tmp_path / "fake.h5", ["right"], arms=["cold"], repeats=1)

@@ -10,11 +10,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from harness.isolate import TIME_LIMIT
 from harness.recording import Recording
 from problems.contacts import HalfPlane
 from problems.qp import FREE, ContactQP, Solution, Status
 from problems.run import Event
-from reports.comparison import TIME_LIMIT, compare, shifted_geometric_mean
+from reports.comparison import compare, shifted_geometric_mean
 from reports.criterion import criterion_answer, criterion_tables, thresholds
 from reports.figures import plot_accuracy, plot_cost, plot_profiles
 from reports.findings import how_accurate, join, ordinal, warm_start_worth, which_method
@@ -684,13 +685,46 @@ def test_page_of_recordings_alone(tmp_path):
         {"settings": ("high",), "scenes": ("fig3",)},
         {"verdict": lambda *key: "skipped"},
         {"verdict": lambda *key: "failed", "glambda_error": np.nan, "eps0_ratio": np.nan},
+        {"k": 0},
+        {"arms": ("warm", "stale5"), "after_restart": False, "repeats": 3},
+        {"arms": ("cold", "exact"), "after_restart": False, "repeats": 3, "warm_started": True},
+        {"solvers": ("osqp[normal]", "osqp[residual]"), "k": 2000},
     ],
-    ids=["cold", "warm", "no method", "method alone", "high", "all skipped", "all failed"],
+    ids=[
+        *("cold", "warm", "no method", "method alone", "high", "all skipped", "all failed"),
+        *("free flight", "starts without cold ones", "one start each", "forms of no condition"),
+    ],
 )
 def test_page_of_a_partial_study(tmp_path, part):
     page = report(results_of(make_rows(**part)), tmp_path).read_text(encoding="utf-8")
     assert "nan" not in re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL).lower()
     assert 'id="reproduce"' in page
+
+
+def test_page_where_nobody_was_swept_on_every_scene(tmp_path):
+    one = make_rows(scenes=("fig2",), solvers=("daqp",), settings=("1e-4", "1e-6"))
+    two = make_rows(scenes=("fig3",), solvers=("osqp",), settings=("1e-4", "1e-6"))
+    study = make_rows(scenes=("fig2", "fig3"))
+    both = replace(results_of(study), campaigns=prepare(pd.concat([one, two])))
+    page = report(both, tmp_path).read_text(encoding="utf-8")
+    assert "Nobody has an error" not in page
+    assert (tmp_path / "figures" / "pareto_fig2.svg").exists()
+    assert not (tmp_path / "figures" / "pareto_all_scenes.svg").exists()
+
+
+def test_a_win_is_claimed_for_what_was_compared_only():
+    rows = make_rows(scenes=("fig2",), arms=("cold",))
+    rows.loc[rows["solver"] == "lotstedt", "runtime"] = 1e-9
+    (said,) = unflattering(results_of(rows))
+    assert "in which it stood against others (1)" in said
+    assert unflattering(results_of(make_rows(solvers=("lotstedt",)))) == [
+        "lotstedt was compared with nobody else."
+    ]
+
+
+def test_what_is_not_verified_is_charged_the_limit_of_its_study():
+    rows = make_rows(verdict=lambda *key: "wrong")
+    assert (prepare(rows, 10.0)["charged"] == 10.0).all()
 
 
 def test_prose_is_escaped_and_set():
@@ -702,6 +736,12 @@ def test_commands_to_reproduce(study):
     assert record_command("fig4,mu_I=0.8", {}) == f"{command} -o recordings"
     cut = {"run.until": 1.0, "end_time": 15.0}
     assert record_command("fig4,mu_I=0.8", cut) == f"{command} --until 1 -o recordings"
+    held = {"eps": 1e-3, "run.eps": 1e-3, "run.drop_tol": 1e-3, "run.fixed_step": 0.005}
+    held |= {"run.stops": "held", "run.order": 1, "run.solver": "lotstedt"}
+    assert record_command("fig4,friction=paper", held) == (
+        "glambda record fig4 --fixed-step 0.005 --stops held --friction paper -o recordings"
+        "  # from Python: order=1"
+    )
     text = reproduce(study)
     assert "--settings paper,high --arms cold,warm" in text
     assert "--qp 0" in text

@@ -142,6 +142,16 @@ def test_reading_refuses_two_time_limits(tmp_path: Path) -> None:
         read_results(tmp_path)
 
 
+def test_a_mixture_is_refused_before_it_is_made(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    store.save(shard())
+    store.refuse_mixture([KEY, replace(KEY, solver="osqp", machine="another")])
+    with pytest.raises(
+        StoreError, match=r"osqp.*: to be made with time_limit 2\.0, but fake__daqp"
+    ):
+        store.refuse_mixture([replace(KEY, solver="osqp", time_limit=2.0)])
+
+
 def test_machines_may_mix_when_read(tmp_path: Path) -> None:
     store = Store(tmp_path)
     store.save(shard())
