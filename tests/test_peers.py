@@ -27,7 +27,7 @@ from harness.peers.campaign import Outcome, Plan, Run, run_campaign, runs_of
 from harness.peers.compare import cheapest, compared, frontier, order_of, table_of
 from harness.peers.observe import energy, observe, penetration
 from harness.peers.ours import BOUNDED, Glambda
-from harness.peers.tasks import DEFAULT, FRAME, Task, started, tasks_of
+from harness.peers.tasks import DEFAULT, FRAME, Task, digest_of, started, tasks_of
 from problems import Scene, scene
 from problems.bodies import box
 from problems.contacts import HalfPlane
@@ -216,7 +216,7 @@ def test_impacts_with_friction_are_the_same_as_those_of_an_engine_with_rigid_con
 # --- what is asked and measured -------------------------------------------------------------------
 
 
-def test_the_default_tasks_are_the_issue_s() -> None:
+def test_the_default_tasks() -> None:
     tasks = tasks_of(DEFAULT)
     motions = {task.name for task in tasks if task.kind == "motion"}
     assert {"fig2 to 0.8", f"fig4 to {7 * FRAME:.3g}"} <= motions  # 0.133: the first impact of fig4
@@ -254,6 +254,13 @@ def test_engines_start_after_the_external_impulse() -> None:
     after = run.v[np.flatnonzero(run.t == 0)[-1]]
     np.testing.assert_allclose(start.v0, after, atol=1e-9)
     assert np.abs(start.v0).max() > 1 and not start.impulses
+
+
+def test_another_scene_is_another_start() -> None:
+    one = started("tower,bodies=2,mu=0.5")
+    assert digest_of(one) == digest_of(replace(one, name="other", stop_at_rest=True))
+    for change in ({"mu": 0.4}, {"v0": one.v0 + 1e-16}, {"ground": ()}, {"gravity": 9.8}):
+        assert digest_of(replace(one, **change)) != digest_of(one)
 
 
 def test_overlap_and_energy_are_those_of_the_boxes() -> None:
@@ -368,7 +375,7 @@ def synthetic(errors: dict[str, Callable[[float], float]]) -> list[tuple[Run, Ou
             if h == 0.0 and engine != OURS:
                 continue
             steps = round(0.8 / (h or 1e-4))
-            run = Run(engine, BOUNDED, "h", h, task, "1", "m")
+            run = Run(engine, BOUNDED, "h", h, task, "start", "1", "m")
             outcome = {
                 "status": "done", "reason": "", "cpu": 1e-5 * steps, "steps": steps, "repeats": 3,
                 "penetration": 0.0, "energy": [1.0 - h], "q": [[[error(h), 0.0, 0.0]]],
@@ -428,9 +435,9 @@ def test_the_page_says_whose_tower_falls_and_that_ours_does_not_finish() -> None
             "status": "done", "reason": "", "cpu": 0.1, "steps": 100, "repeats": 3,
             "penetration": 0.0, "drift": [0.0, drift], "turn": [0.0, 0.0],
         }  # fmt: skip
-        runs.append((Run(engine, "stock", "h", 1 / 240, task, "1", "m"), outcome))
+        runs.append((Run(engine, "stock", "h", 1 / 240, task, "start", "1", "m"), outcome))
     lost = {"status": "timeout", "reason": "a pass took more than 3 s"}
-    runs.append((Run(OURS, "fixed step", "h", 1 / 240, task, "1", "m"), lost))
+    runs.append((Run(OURS, "fixed step", "h", 1 / 240, task, "start", "1", "m"), lost))
     notes = " ".join(rest_table(table_of(runs)).notes)
     assert "glambda does not finish (a pass took more than 3 s)" in notes
     assert "dart (stock) drifts least, by 1.0e-03 m" in notes

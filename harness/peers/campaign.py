@@ -22,7 +22,7 @@ from typing import Any
 from harness.folder_lock import sole_writer
 from harness.machine import machine_label
 from harness.peers import ENGINES, OURS, EngineInfo, describe_engine, engine_class, engine_version
-from harness.peers.tasks import DEFAULT, Task, tasks_of
+from harness.peers.tasks import DEFAULT, Task, digest_of, tasks_of
 from harness.peers.worker import Worker
 from harness.record import Progress
 from harness.whole_files import write_whole
@@ -61,13 +61,17 @@ class Plan:
 
 @dataclass(frozen=True)
 class Run:
-    """One run that is wanted: what distinguishes it from others."""
+    """One run that is wanted: what distinguishes it from others.
+
+    start : digest of the scene that the engine is given
+    """
 
     engine: str
     setting: str
     swept: str
     resolution: float
     task: Task
+    start: str
     version: str
     machine: str
 
@@ -118,11 +122,10 @@ def runs_of(engine: str, task: Task) -> Iterator[Run]:
         (cls.rest,) if resting else cls.middling if task.kind == "whole" else cls.resolutions
     )
     swept = "h" if settings is cls.resting else cls.swept
+    where = digest_of(task.start()), engine_version(engine), machine_label()
     for setting in settings:
         for resolution in resolutions:
-            yield Run(
-                engine, setting, swept, resolution, task, engine_version(engine), machine_label()
-            )
+            yield Run(engine, setting, swept, resolution, task, *where)
 
 
 def _outcome(

@@ -11,10 +11,13 @@ stepper finds after external impulses at t = 0, by the paper's model.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Literal
+
+import numpy as np
 
 from harness.peers.base import REST_STEP
 from harness.peers.ours import NO_TIME
@@ -78,6 +81,17 @@ class Task:
         It does not stop at rest, since no engine does.
         """
         return started(self.scene)
+
+
+def digest_of(scene: Scene) -> str:
+    """Of all that engines are given of a scene."""
+    ground = [(*plane.point, *plane.normal) for plane in scene.ground]
+    parts = [part for body in scene.bodies for part in body.polygons]
+    inertia = [(body.mass, body.inertia) for body in scene.bodies]
+    found = hashlib.sha256()
+    for given in (*parts, inertia, scene.q0, scene.v0, ground, (scene.mu, scene.gravity)):
+        found.update(np.array(given, dtype=np.float64).tobytes())
+    return found.hexdigest()[:16]
 
 
 @cache
