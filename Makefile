@@ -26,12 +26,12 @@ quick: $(INSTALLED)
 publish: study campaigns growth
 	find reports/published -mindepth 1 -maxdepth 1 ! -name peers -exec rm -rf {} +
 	$(BIN)/glambda report results -o reports/published
-	$(BIN)/glambda record tower --set bodies=150 --until 0.3 -o results/families
-	$(BIN)/glambda record wall --set bodies=200 --until 0.3 -o results/families
-	$(BIN)/glambda record pyramid --set bodies=105 --until 0.3 -o results/families
-	$(BIN)/glambda record heap --set bodies=20 --until 0.1 -o results/families
-	$(BIN)/glambda record tower --set bodies=40 --set mu=0.5 --until 0.3 -o results/families
-	$(BIN)/glambda record wall --set bodies=12 --set mu=0.3 --until 0.1 -o results/families
+	$(BIN)/glambda record tower --set bodies=150 --until 0.3 --overwrite -o results/families
+	$(BIN)/glambda record wall --set bodies=200 --until 0.3 --overwrite -o results/families
+	$(BIN)/glambda record pyramid --set bodies=105 --until 0.3 --overwrite -o results/families
+	$(BIN)/glambda record heap --set bodies=20 --until 0.1 --overwrite -o results/families
+	$(BIN)/glambda record tower --set bodies=40 --set mu=0.5 --until 0.3 --overwrite -o results/families
+	$(BIN)/glambda record wall --set bodies=12 --set mu=0.3 --until 0.1 --overwrite -o results/families
 	$(BIN)/glambda criterion $(SCENES) results/families/*.h5 \
 	  -o reports/published/criterion
 	mkdir reports/published/growth reports/published/growth_piles
@@ -46,7 +46,7 @@ publish: study campaigns growth
 	COLUMNS=110 $(BIN)/python benchmarks/steps.py > reports/published/steps.txt
 	find reports/published -name '*.svg' -delete
 
-campaigns: $(INSTALLED)
+campaigns: study
 	$(BIN)/glambda replay $(FRICTION) --settings paper --solvers lotstedt,daqp,osqp,proxqp \
 	  --arms exact,extrapolated,stale5,stale20,corrupted,bare,shuffled -o results
 	$(BIN)/glambda replay $(FRICTION) --settings 1e-2,1e-4,1e-6,1e-8,1e-10 --arms warm \
@@ -62,6 +62,7 @@ peers: $(INSTALLED)
 	rm -rf reports/published/peers
 	mkdir -p reports/published/peers
 	cp results/peers/peers* reports/published/peers
+	rm reports/published/peers/*.svg
 
 growth: $(INSTALLED)
 	$(BIN)/glambda growth --limit 0.2 -o results/growth

@@ -8,7 +8,11 @@ from __future__ import annotations
 
 import signal
 
+from hypothesis import settings
+
 from harness.threads import ask_for_one_thread
 
 ask_for_one_thread()
 signal.signal(signal.SIGINT, signal.default_int_handler)
+settings.register_profile("same", derandomize=True, deadline=None)
+settings.load_profile("same")

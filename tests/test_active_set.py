@@ -342,7 +342,7 @@ def test_columns_on_the_verge_of_dependence(distance: float, variant: str) -> No
 small = st.integers(-2, 2)
 
 
-@settings(derandomize=True, deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(data=st.data(), m=st.integers(1, 6), k=st.integers(1, 10))
 def test_small_integers(data: st.DataObject, m: int, k: int) -> None:
     """Equal, opposite, zero and dependent columns, ties and degenerate vertices everywhere."""

@@ -19,7 +19,7 @@ from problems.stepper import Stepper
 from solvers import make_solver
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 12), st.integers(0, 12), st.booleans())
 def test_lemke_solves_what_a_positive_semidefinite_matrix_has_a_solution_for(
     seed, n, rank, degenerate

@@ -1,4 +1,7 @@
-"""The kernels of algorithm 2 against plain NumPy: QR, rank, ‖R⁻¹‖, updates, conjugate gradients."""
+"""The oracle of the kernels, against plain linear algebra: QR, rank, ‖R⁻¹‖, updates, iterations.
+
+That the kernels are the same as this oracle is held by `test_kernels`.
+"""
 
 from __future__ import annotations
 

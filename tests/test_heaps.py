@@ -81,7 +81,7 @@ def test_what_goes_wrong_is_a_failure():
     assert run_case(Case("rain", {"bodies": 0})).failure == "error"
     run = simulate(scene("rain", bodies=5, end_time=0.8), lotstedt(), keep_qps=False)
     assert not examined(run, 0.8, 0.0).failure
-    assert run_case(case(0, 1), limit=0.05).failure == "time"
+    assert run_case(case(0, 1), limit=1e-6).failure == "time"
     run.q[-1, 0] = run.q[-1, 1]
     assert examined(run, 0.8, 0.0).failure == "overlap"
     run = simulate(scene("rain", bodies=5, end_time=0.8), lotstedt(), keep_qps=False)
@@ -93,7 +93,7 @@ def test_what_goes_wrong_is_a_failure():
 
 
 def test_the_table_counts_failures(tmp_path, capsys):
-    arguments = ["--count", "2", "--workers", "1", "--limit", "0.01", "--out", str(tmp_path)]
+    arguments = ["--count", "2", "--workers", "1", "--limit", "1e-6", "--out", str(tmp_path)]
     assert heaps.main(arguments) == 1
     row = next(line for line in capsys.readouterr().out.splitlines() if "failed: time" in line)
     assert [cell.strip() for cell in row.strip("│").split("│")[1:]] == ["2", "1", "1"]

@@ -71,10 +71,15 @@ def test_nothing_is_run_where_no_qp_starts_warm() -> None:
 
 
 def test_the_best_interval_is_one_whose_answers_are_right(tmp_path: Path) -> None:
-    table = kept_factors_table(runs_of_fig5())
+    runs = runs_of_fig5()
+    table = kept_factors_table(runs)
     data = table.data.set_index(["package", "kept"])
-    for name, row in data.iterrows():
-        assert row["best"] <= row["always"], name
+    wrong = (runs["package"] == INSTALLED[0].package) & (runs["interval"] > 1)
+    spoilt = runs.assign(
+        mean=runs["mean"].where(~wrong, 1e-9), verified=runs["verified"].where(~wrong, 0.5)
+    )
+    rows = kept_factors_table(spoilt).data.set_index("package").loc[[INSTALLED[0].package]]
+    assert (rows["best s"] == 1).all() and (rows["best"] == rows["always"]).all()
     assert data.loc[("osqp", "P"), "best s"] == 1
     assert any("osqp with P never renewed" in note for note in table.notes)
     assert "nan" not in table.to_markdown()

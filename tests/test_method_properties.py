@@ -34,7 +34,7 @@ RELATIVE = 1e-9
 
 
 def examples(number: int) -> settings:
-    return settings(derandomize=True, deadline=None, max_examples=number)
+    return settings(max_examples=number)
 
 
 def accuracy(qp: ContactQP) -> float:

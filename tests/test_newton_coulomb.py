@@ -45,8 +45,7 @@ def after_collision(made: Scene, rule: str, solver: SolvesQPs) -> tuple[np.ndarr
 def test_the_laws_hold_at_one_corner(vx: float, spin: float) -> None:
     made = falling_box(vx, spin, angle=0.3)
     v, assembly = after_collision(made, "newton_coulomb", make_solver("lotstedt"))
-    if not assembly.normals:
-        return  # the corner did not approach
+    assert assembly.normals
     M = np.array([2.0, 2.0, made.bodies[0].inertia])
     change = M * (v - made.v0.ravel())
     G = np.column_stack([assembly.G_N.toarray(), assembly.G_F.toarray()])

@@ -115,7 +115,7 @@ def gram_of(B: NDArray[np.float64], inside: NDArray[np.bool_], shift: float) -> 
     return gram
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(sparse_sizes())
 def test_the_pattern_is_that_of_elimination(sizes: tuple[int, int, int]) -> None:
     seed, bodies, contacts = sizes
@@ -137,7 +137,7 @@ def test_the_pattern_is_that_of_elimination(sizes: tuple[int, int, int]) -> None
     assert zeros <= FEW_ZEROS * pattern.entries
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(sparse_sizes(), st.sampled_from([0.0, 1e-6, 1.0]))
 def test_L_is_the_cholesky_factor(sizes: tuple[int, int, int], shift: float) -> None:
     """L Lᵀ = B_FᵀB_F + shift, the unit matrix elsewhere; solves and the estimate follow from it."""
@@ -165,7 +165,7 @@ def test_L_is_the_cholesky_factor(sizes: tuple[int, int, int], shift: float) -> 
     assert 0.1 * true <= inverse_norm(pattern, room.S, room.Lx) <= true * (1 + 1e-6)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(sparse_sizes())
 def test_a_changed_L_is_that_of_the_changed_columns(sizes: tuple[int, int, int]) -> None:
     """Ten columns in turn leave L or enter it; the scratch rows are left at 0."""
@@ -289,7 +289,7 @@ def test_a_chain_has_little_fill() -> None:
     assert sorted(contact_order(3 * n, A.indptr, A.indices)) == list(range(2 * n))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(sparse_sizes(), st.sampled_from(["", "old_r", "online", "exact_qr", "no_working_set"]))
 def test_sparse_and_dense_give_the_same_force(sizes: tuple[int, int, int], variant: str) -> None:
     """Cold, warm from a QP nearby, and warm when contacts have gone and others have come."""
