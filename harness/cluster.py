@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pandas as pd
 
-from harness.facts import setting_name
+from harness.facts import setting_names
 from harness.isolate import MEMORY_LIMIT, TIME_LIMIT
 from harness.live_process import server
 from harness.machine import problems_version, solver_version
@@ -155,7 +155,7 @@ def replay_on(
                 time_limit=time_limit, memory_limit=memory_limit, progress=progress, **options,
             )  # fmt: skip
     loaded = [r if isinstance(r, Recording) else read_recording(r) for r in recordings]
-    settings = list(dict.fromkeys(setting_name(setting) for setting in settings))
+    settings = setting_names(settings)
     options |= {"time_limit": time_limit, "memory_limit": memory_limit}
     if not timed:
         options["repeats"] = 1

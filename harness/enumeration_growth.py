@@ -18,8 +18,8 @@ Two kinds of QP are looked at, all rows that are not fixed counting as k:
    a friction row −½ ≤ x ≤ ½ and the others x ≥ 0, and d such that without bounds x would be normal
    with variance 1.  Here half of the rows end at a bound, and least squares tells some of them.
 
-Every time is the least of `TURNS`, setup and solve; an enumeration of more than
-`SLOW` seconds is not repeated.
+Every time is the least of `TURNS`, setup and solve; an enumeration of more than `SLOW` seconds is
+not repeated.
 """
 
 from __future__ import annotations

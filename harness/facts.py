@@ -12,6 +12,7 @@ would take many seconds, it is not determined.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -113,6 +114,11 @@ def setting_name(setting: str) -> str:
         )
     digits, exponent = f"{relative:e}".split("e")
     return f"{float(digits):g}e{int(exponent)}"
+
+
+def setting_names(settings: Iterable[str]) -> list[str]:
+    """Each of them as it is stored, once.  Raises ValueError like `setting_name`."""
+    return list(dict.fromkeys(map(setting_name, settings)))
 
 
 def facts_of(qp: ContactQP) -> Facts:

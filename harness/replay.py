@@ -29,7 +29,7 @@ import numpy as np
 import pandas as pd
 
 from harness.calibration import calibrate
-from harness.facts import Facts, facts_of, setting_name
+from harness.facts import Facts, facts_of, setting_name, setting_names
 from harness.in_process import InProcess
 from harness.isolate import (
     MEMORY_LIMIT,
@@ -124,7 +124,7 @@ def replay(
     Raises ValueError for unknown names, ImportError where a solver's package is absent, and
     StoreError where `results` holds something that may not be mixed with this.
     """
-    settings = list(dict.fromkeys(setting_name(setting) for setting in settings))
+    settings = setting_names(settings)
     for name in solvers:
         for arm in arms:
             has_arm(solver_class(name), arm)  # raises for an unknown one

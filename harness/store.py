@@ -164,8 +164,8 @@ class Store:
     def refuse_mixture(self, keys: Iterable[ShardKey]) -> None:
         """Raise StoreError where shards of these keys may not stand beside those that are there."""
         seen: Seen = {}
-        for stored in read_shards(self.folder):
-            _agree(seen, stored.key, self._path(stored.key), "made")
+        for _ in read_shards(self.folder, seen):
+            pass
         for key in keys:
             _agree(seen, key, self._path(key), "to be made")
 
@@ -262,9 +262,12 @@ def read_spent(folder: str | os.PathLike[str]) -> dict[str, float]:
         return {}
 
 
-def read_shards(folder: Path) -> Iterator[StoredShard]:
-    """All shards, in order of their names.  Raises StoreError like `read_results`."""
-    seen: Seen = {}
+def read_shards(folder: Path, seen: Seen | None = None) -> Iterator[StoredShard]:
+    """All shards, in order of their names.  Raises StoreError like `read_results`.
+
+    seen : is told what they agree on
+    """
+    seen = {} if seen is None else seen
     for path in sorted((folder / "solves").glob("*.parquet")):
         shard = read_shard(path)
         _agree(seen, shard.key, path, "made")

@@ -236,8 +236,8 @@ class _Writer:
         tables = [self.table(cost_table(results, name)) for name in results.settings]
         tables += [self.table(spread_table(results, name)) for name in results.settings]
         figures = []
-        if _with_solves(results):
-            name = _with_solves(results)[0]
+        name = _with_times(results)
+        if name is not None:
             figures = [
                 self.figure(
                     f"cost_{name}",
@@ -425,15 +425,13 @@ def _runs(results: Results) -> list[tuple[str, str]]:
     return [(scene, arm) for scene in results.scenes for arm in ARMS]
 
 
-def _with_solves(results: Results) -> list[str]:
-    """Settings at which there are times to compare."""
-    return [
-        setting
-        for setting in results.settings
-        if any(
-            len(compare(results.rows, scene, setting, arm).rows) for scene, arm in _runs(results)
-        )
-    ]
+def _with_times(results: Results) -> str | None:
+    """The first setting at which there are times to compare."""
+    for setting in results.settings:
+        for scene, arm in _runs(results):
+            if len(compare(results.rows, scene, setting, arm).rows):
+                return setting
+    return None
 
 
 def _with_errors(results: Results) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -246,11 +247,13 @@ def record_command(label: str, parameters: Mapping[str, Any]) -> str:
         how["friction"] = chosen.pop().removeprefix("friction=")
     how |= {name[4:]: value for name, value in parameters.items() if name.startswith("run.")}
     options = "".join(f" --set {entry}" for entry in chosen)
-    unusual = {
-        option: value
-        for option, value in how.items()
-        if option != "solver" and value != _usual(option, how, parameters)
+    usual = {
+        **asdict(StepperOptions.of(how.get("eps", 1.0))),
+        "eps": parameters.get("eps"),
+        "until": parameters.get("end_time"),
+        "solver": how.get("solver"),
     }
+    unusual = {option: value for option, value in how.items() if value != usual[option]}
     for option in [option for option in RUN_OPTIONS if option in unusual]:
         options += f" --{option.replace('_', '-')} {_text(unusual.pop(option))}"
     more = ", ".join(f"{option}={_text(value)}" for option, value in unusual.items())
@@ -259,15 +262,7 @@ def record_command(label: str, parameters: Mapping[str, Any]) -> str:
 
 
 def _text(value: Any) -> str:
-    short = f"{value:g}" if isinstance(value, float) else str(value)
-    return short if not isinstance(value, float) or float(short) == value else repr(value)
-
-
-def _usual(option: str, how: Mapping[str, Any], parameters: Mapping[str, Any]) -> Any:
-    """What `glambda record` does if it is not told."""
-    if option == "until":
-        return parameters.get("end_time")
-    if option == "eps":
-        return parameters.get("eps")
-    usual = StepperOptions.of(how["eps"]) if "eps" in how else StepperOptions.of(1.0)
-    return getattr(usual, option)
+    """A number in few digits, as long as they are all."""
+    if isinstance(value, float) and float(f"{value:g}") == value:
+        return f"{value:g}"
+    return str(value)

@@ -28,8 +28,8 @@ This differs from the paper:
    factorized anew at every QP, by normal equations while nothing is in the way (`settled`), by QR
    otherwise.  Large dense ones keep R as the paper has it.  Large sparse ones keep a sparse R by
    Cholesky, begin with x extrapolated, and F may hold dependent columns, so that there is no P
-   (`sparse_loop`).  R is given up
-   by the online rule (`online_rule`).  The variant "old_r" is the paper's method at every size.
+   (`sparse_loop`).  R is given up by the online rule (`online_rule`).  The variant "old_r" is the
+   paper's method at every size.
 1. ε₀ is divided by 10 in (3.20) and in ε₁, so that sign errors, the error of p and the estimate of
    ‖R⁻¹‖, which is from below, together stay under ε₀.  Both tolerances are floored at the rounding
    of Δ, 4u‖|A||x| + |d|‖.

@@ -68,10 +68,10 @@ class ProxQP(ProgramSolver):
         posed, arrays, carried, _, guess = problem
         family = proxqp.sparse if posed.is_sparse else proxqp.dense
         equal, old = _equations(arrays), None if carried is None else carried.native.arrays[0]
-        if old is not None and all(
-            _equations(old) == equal and same_pattern(old[i], arrays[i])
-            for i in (0, 2, 4)
-            if arrays[i] is not None
+        if (
+            old is not None
+            and _equations(old) == equal
+            and all(same_pattern(old[i], arrays[i]) for i in (0, 2, 4) if arrays[i] is not None)
         ):
             solver = carried.native.object  # type: ignore[union-attr]
             fill = solver.update
