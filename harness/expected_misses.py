@@ -1,65 +1,90 @@
-"""Which backends are expected to miss A x*, on which scene, how often and why.
+"""Which backends are expected to miss A x*, on which QPs, how often, by how much, and why.
 
 A miss is a row of `glambda verify` that is neither verified nor skipped: the error in A x exceeds
-ten times the accuracy asked.  The counts were measured with the scenes' default parameters and the
-newest versions of the packages; `glambda verify` fails where a count rises.  One that falls
-is an invitation to lower it here.
+ten times the accuracy asked.  How often a package misses depends on its version and on how the
+processor rounds, so that what is expected is a range: of the kind of QP, of the share of all QPs,
+and of the error.  The error follows from the reason that is given; the share is at least twice what
+was measured, on whichever scene and type of processor it was largest.
 """
 
 from __future__ import annotations
 
+from math import ceil
 from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from problems.qp import KINDS
 
 ACCURATE_CLASS = ("lotstedt", "velocity", "enumeration", "scipy_bvls", "daqp", "quadprog")
 """Never to miss once, on any recording."""
 
+SCENES = ("fig2", "fig3", "fig4", "fig5")
+"""Scenes that the ranges are for.  On others only the accurate class is held to anything."""
+
 
 class Expected(NamedTuple):
-    """Expected misses of one backend: (scene, setting) → count over both arms, and why."""
+    """What a backend may miss on one scene at one setting, and why.
 
-    counts: dict[tuple[str, str], int]
+    kinds : of QP on which it may miss
+    share : of all QPs that it may miss, rounded up
+    error : ‖A(x − x*)‖ of a miss at most, relative to the scale of the QP (`harness.facts`);
+        a QP without an answer counts as one of any size
+    claims : whether it may say of a miss that it is solved
+    """
+
+    kinds: tuple[str, ...]
+    share: float
+    error: float
+    claims: bool
     reason: str
 
+    def count(self, solves: int) -> int:
+        """How many misses that is."""
+        return ceil(self.share * solves)
 
-DEGENERATE_ROWS = (
-    "interior point: only √gap close on degenerate rows (x = Δ = 0) of impulses and of "
-    "minimum-norm problems"
+    def beyond(self, missed: pd.DataFrame) -> int:
+        """How many of these rows are of another kind, or off by more, than is expected."""
+        within = missed["kind"].isin(self.kinds) & ~(missed["glambda_error"] > self.error)
+        if not self.claims:
+            within &= missed["verdict"] != "claimed_wrong"
+        return int(np.count_nonzero(~within))
+
+
+NONE = Expected((), 0.0, 0.0, False, "")
+"""Of the accurate class."""
+
+ROUNDING = Expected(
+    KINDS, 0.005, 1e-6, False, "a stopping rule that rounding meets a little earlier or later"
 )
+"""Of every backend that is not listed."""
 
-TOO_MANY_ITERATIONS = "20,000 iterations do not reach the accuracy, and its status says so"
+_DEGENERATE = (
+    "interior point: with a gap of 1e-12, the least that rounding allows, only √gap = 1e-6 close "
+    "on degenerate rows (x = Δ = 0), which impulses and minimum-norm problems have"
+)
+_TOO_MANY = "20,000 iterations do not reach the accuracy, and its status says so"
 
 EXPECTED: dict[str, Expected] = {
-    "clarabel": Expected(
-        {
-            ("fig2", "paper"): 46,
-            ("fig2", "high"): 60,
-            ("fig4", "paper"): 18,
-            ("fig4", "high"): 30,
-            ("fig5", "paper"): 4,
-            ("fig5", "high"): 4,
-        },
-        DEGENERATE_ROWS,
-    ),
-    "piqp": Expected(
-        {
-            ("fig2", "paper"): 42,
-            ("fig2", "high"): 58,
-            ("fig4", "paper"): 14,
-            ("fig4", "high"): 28,
-            ("fig5", "paper"): 4,
-            ("fig5", "high"): 4,
-        },
-        DEGENERATE_ROWS,
-    ),
+    "clarabel": Expected(("impulse", "minimum_norm"), 0.08, 1e-6, True, _DEGENERATE),
+    "piqp": Expected(("impulse", "minimum_norm"), 0.08, 1e-6, True, _DEGENERATE),
     "highs": Expected(
-        {("fig2", "high"): 4, ("fig5", "paper"): 2},
+        KINDS,
+        0.02,
+        1e-5,
+        True,
         "reports optimal with a free gradient at 1e-6 of the scale, or unbounded where no x of a "
         "minimum-norm problem could be; no option helps",
     ),
-    "osqp": Expected({("fig5", "paper"): 2}, TOO_MANY_ITERATIONS),
-    "scs": Expected({("fig5", "high"): 1}, TOO_MANY_ITERATIONS),
+    "osqp": Expected(KINDS, 0.02, 1e-4, False, _TOO_MANY),
+    "scs": Expected(KINDS, 0.02, 1e-4, False, _TOO_MANY),
 }
-"""By the name of the backend; one that is not listed is expected to miss nothing."""
+"""By the name of the backend."""
 
-SCENES = ("fig2", "fig3", "fig4", "fig5")
-"""Scenes that the counts are for.  On others only the accurate class is held to anything."""
+
+def expected_of(solver: str, scene: str) -> Expected | None:
+    """What is expected of a backend, or variant of one, on a scene; None: nothing is."""
+    if solver.partition("[")[0] in ACCURATE_CLASS:
+        return NONE
+    return EXPECTED.get(solver, ROUNDING) if scene in SCENES else None

@@ -1,9 +1,10 @@
 """The main claim: every backend reproduces the same Gλ, on the QPs of each of the four scenes.
 
 The accurate class must not miss once, on any QP.  Of the others, those that are known to miss
-answer every QP and may miss as often as `harness.expected_misses` says, each with its reason; the
-rest, some of which are slow, answer every `STRIDE`-th and may not miss either.  QPs that no scene
-poses (rank-deficient, degenerate, bilateral, one-sided, fixed rows, …) are in `test_adapters`.
+answer every QP and may miss what `harness.expected_misses` says, each with its reason; the rest,
+some of which are slow, answer every `STRIDE`-th and may miss what rounding explains.  QPs that no
+scene poses (rank-deficient, degenerate, bilateral, one-sided, fixed rows, …) are in
+`test_adapters`.
 """
 
 from __future__ import annotations
