@@ -18,20 +18,26 @@ norm, whose bounds are others.  Energy may grow at a contact that reverses its s
 from __future__ import annotations
 
 import copy
+from typing import Any
 
 import numpy as np
 
 from problems.active_kernels import Frictions
+from problems.arena import Arena
 from problems.assembly import Assembly, scaled_matrix
+from problems.collision import Collision, Impact
+from problems.compiled import Direct
+from problems.compiled_passes import impulse_passes
 from problems.coulomb_lcp import coulomb_multipliers
 from problems.friction import coulomb_rows
 from problems.friction_kernels import force_change
 from problems.friction_passes import newton_multipliers
 from problems.minimum_norm import minimum_norm
 from problems.qp import Vector
-from problems.quiet import Collision
+from problems.qp_kernel import CompiledMethod
 from problems.sequence import QPSequence, SimulationError
 
+run_impulse_passes = Direct(impulse_passes)
 MAX_PASSES = 25
 """Passes before the LCP is asked, and after it."""
 SETTLED = 1e-9
@@ -52,7 +58,7 @@ def newton_coulomb_impulse(
 
     accuracy : of each QP in ‖A δx‖
 
-    Where QPs are not kept, by the solver itself if it can (`Lotstedt.newton_coulomb`).
+    Where QPs are not kept, compiled with the method of the solver, if it has one.
 
     Raises SimulationError where the passes do not settle.
     """
@@ -63,13 +69,13 @@ def newton_coulomb_impulse(
     entries, bodies = hit.laid_out(layout)
     size = max(1.0, float(np.linalg.norm(D * v)))
     ask_lcp = MAX_PASSES
-    compiled = None if qps.keep else getattr(qps.solver, "newton_coulomb", None)
-    if compiled is not None:
+    method = qps.compiled(layout.row_id.size)
+    if method is not None:
         rubs = hit.active.friction_of, hit.active.first, hit.mu, signs
         frictions = Frictions(*rubs, *layout.columns)
         columns = hit.columns.normal, hit.columns.bodies
         collision = Collision(frictions, D, v, F, columns, (entries, bodies), hit.tangents)
-        impact = compiled(collision, MAX_PASSES, SETTLED * size, accuracy)
+        impact = _compiled_impulse(qps.solver, method, collision, SETTLED * size, accuracy)
         if impact is not None:
             qps.count += impact.solves
             return impact.v, np.concatenate([impact.lam_N, impact.lam_F])
@@ -111,3 +117,16 @@ def newton_coulomb_impulse(
         f"t = {t:.6g}: Newton–Coulomb impulses of {len(hit.normals)} contacts did not settle "
         f'in {2 * MAX_PASSES} passes; use the paper\'s model, impulses="paper"'
     )
+
+
+def _compiled_impulse(
+    solver: Any, method: CompiledMethod, collision: Collision, tolerance: float, accuracy: float
+) -> Impact | None:
+    """q̇₊ and Λ by `impulse_passes`; None where they do not settle."""
+    m, k = collision.D.size, collision.frictions.row_id.size
+    room = solver.room(m, k, accuracy, None)
+    settled, *impact = run_impulse_passes(
+        *(*collision, MAX_PASSES, tolerance, Arena.of(m + k)),
+        *(method.solve, room.S, room.I, room.eps0, method.mode),
+    )
+    return Impact(*impact) if settled else None
