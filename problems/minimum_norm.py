@@ -146,9 +146,9 @@ def least_norm(qps: QPSequence, qp: ContactQP, x: Vector, coulomb: sp.csr_array 
     method = qps.compiled(qp.k)
     if method is not None:
         C = np.zeros((0, qp.k)) if coulomb is None else coulomb.toarray()
-        own = qp.dense_A.copy(), qp.lower.copy(), qp.upper.copy()
+        own = qp.dense_A.copy(), qp.lower.copy(), qp.upper.copy(), x.copy()
         arena = Arena.of(qp.k + C.shape[0])
-        least, solves = run_least_norm(*own, x, C, arena, *method)
+        least, solves = run_least_norm(*own, C, arena, *method)
         qps.count += solves
         return least
     if sp.issparse(qp.A) and qp.k >= MANY_COLUMNS:
