@@ -11,9 +11,13 @@ is told to do a pass; the parent tells one at a time and watches it.
    the verdict is `crashed`.
 3. **Death.** Signals, exits and babble are `crashed`, with the signal's name and the last words on
    stderr.  What was answered before is kept (`harness.sheet`).
-4. The pass goes on with the next QP in a fresh process, which has no predecessor to start from.
+4. **Disturbances.** A process that dies before its first QP, and a time-out while this process
+   stood still as well (a suspended machine), are not the solver's doing; a SIGKILL of it or of the
+   server need not be.  The pass is done once more.  What is disturbed again is told as such
+   (`DISTURBED`) and is not final; a second SIGKILL is taken for the solver's.
+5. The pass goes on with the next QP in a fresh process, which has no predecessor to start from.
    After `MOST_LOST` losses the rest of the pass is given up.
-5. Processes that a backend has forked and not ended are killed after the pass: `crashed`.
+6. Processes that a backend has forked and not ended are killed after the pass: `crashed`.
 
 What is not there: without /proc (macOS) memory is limited by `RLIMIT_AS` alone, which macOS does
 not heed, and what leaves its session is not found; without fork (Windows) there is no isolation,
@@ -26,6 +30,7 @@ import os
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -33,7 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.live_process import Loss, Process, Server, ServerLost, Task, server
-from harness.measure import Outcome
+from harness.measure import DISTURBED, Outcome
 from harness.recording import Recording
 from harness.sheet import Layout, Sheet
 from harness.starts import after_restart, order_of
@@ -50,6 +55,8 @@ WATCH = 0.1
 """Seconds between two looks at a process that computes."""
 MOST_LOST = 3
 """Processes that a pass may lose before the rest of it is given up."""
+STOOD_STILL = 1.0
+"""Seconds longer than asked for that a wait takes only if this process stood still."""
 MOST_LIVE = 64
 """Processes that may live at once.  One holds 10 to 20 MB of its own."""
 GIB = 2.0**30
@@ -83,6 +90,11 @@ class Pass(NamedTuple):
     times: NDArray[np.float64]
     lost: Sequence[int] = ()
 
+    @property
+    def is_final(self) -> bool:
+        """Whether nothing of it was disturbed."""
+        return not any(outcome.status_text.startswith(DISTURBED) for outcome in self.outcomes)
+
 
 class Block:
     """A recording at an accuracy, and the live processes that solve it.
@@ -102,6 +114,7 @@ class Block:
         self._live: OrderedDict[Task, Process] = OrderedDict()
         self._server: Server | None = None
         self._sheet: Sheet  # together with the server
+        self._stood_still = False
 
     def __enter__(self) -> Block:
         return self
@@ -125,11 +138,18 @@ class Block:
 
         Raises IsolationError where no process can be started, and OSError on a full disk.
         """
+        done = self._try_pass(task, advance, again=False)
+        if done.is_final:
+            return done
+        return self._try_pass(task, lambda _: None, again=True)
+
+    def _try_pass(self, task: Task, advance: Callable[[int], None], again: bool) -> Pass:
+        """A trial of a pass, which ends where it is disturbed; `again`: the second one."""
         count, order = self._layout.count, order_of(task.arm, self._layout.count)
         outcomes: dict[int, Outcome] = {}
         times = np.full((count, 4), np.nan)
         lost: list[int] = []
-        first = 0
+        first, self._stood_still = 0, False
         while first < count:
             loss = self._go_on(task, first, advance, warm_up=not lost)
             answered = self._sheet.read()
@@ -139,6 +159,10 @@ class Block:
                 break
             first = max(self._sheet.position(), first)
             index = order[first]
+            if loss.blame == "outside" or (loss.blame == "unknown" and not again):
+                outcomes.pop(index, None)
+                self._fill(outcomes, order[first:], loss.verdict, DISTURBED + loss.text)
+                break
             if loss.text or index not in answered:
                 outcomes[index] = self._lost(index, loss.verdict, loss.text)
             if index not in answered:
@@ -150,6 +174,11 @@ class Block:
                 self._fill(outcomes, order[first:], loss.verdict, text)
                 break
         self._fill(outcomes, order, "crashed", "has left no outcome")
+        if self._stood_still:
+            for i, outcome in outcomes.items():
+                if outcome.verdict == "timeout":
+                    text = f"{DISTURBED}the machine stood still; {outcome.status_text}"
+                    outcomes[i] = replace(outcome, status_text=text)
         return Pass([outcomes[i] for i in range(count)], times, lost)
 
     def _lost(self, index: int, verdict: str, text: str) -> Outcome:
@@ -178,7 +207,7 @@ class Block:
                 loss = self._watch(process, first, None, advance)
         except ServerLost:
             self._live.clear()
-            return Loss("crashed", "the server of all processes is gone")
+            return Loss("crashed", "the server of all processes is gone", blame="unknown")
         if loss is not None:
             del self._live[task]
             process.kill()
@@ -230,10 +259,19 @@ class Block:
         self._server.order("pass", pid=process.pid, first=first, budget=budget, token=token)
         position, moved = -1, clock()
         while True:
+            before = clock()
             event = self._server.event(WATCH)
+            waited = clock() - before
+            if waited > WATCH + STOOD_STILL:
+                self._stood_still = True
+                moved += waited
             if event is not None and event["pid"] == process.pid:
                 process.fresh = False
-                return process.loss_of(event)
+                loss = process.loss_of(event)
+                if event["is"] == "dead" and loss is not None and self._sheet.position() < 0:
+                    text = f"before its first QP: {loss.text}"
+                    loss = loss._replace(text=text, blame="outside")
+                return loss
             now = self._sheet.position()
             if now != position:
                 advance(now - max(position, first))

@@ -52,11 +52,13 @@ class Loss(NamedTuple):
 
     verdict : of the QP that it worked on;  text : why, or empty if its own outcome says it
     seconds : how long that was waited for
+    blame : whose doing it is: "solver", "outside", or "unknown"
     """
 
     verdict: str
     text: str
     seconds: float = float("nan")
+    blame: str = "solver"
 
 
 class Server:
@@ -230,7 +232,10 @@ class Process:
     def loss_of(self, event: dict[str, Any]) -> Loss | None:
         """What an event after a pass means: None if the pass is done and all is well."""
         if event["is"] == "dead":
-            return Loss("crashed", cause_of_death(event["code"]) + self.last_words())
+            text = cause_of_death(event["code"]) + self.last_words()
+            # who is short of memory kills with this signal, too
+            blame = "unknown" if event["code"] == -signal.SIGKILL else "solver"
+            return Loss("crashed", text, blame=blame)
         if event["is"] == "babbled":
             return Loss("crashed", "wrote into the pipe to its parent")
         if event["is"] == "lost":

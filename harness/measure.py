@@ -45,6 +45,11 @@ CLOCK = time.perf_counter
 WROTE = "wrote into the QP that it was given; the answer is not judged"
 
 
+DISTURBED = "disturbed: "
+"""What the status text begins with where it was not the solver's doing.  Such a row is not final:
+it is tried again at once, and by whoever continues."""
+
+
 @dataclass(frozen=True, eq=False)
 class Outcome:
     """What came of one call, without the solver's memory.

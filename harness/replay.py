@@ -80,7 +80,7 @@ class Run:
 
 
 def is_done(shard: Shard | None, repeats: int = REPEATS, slow_pass: float = SLOW_PASS) -> bool:
-    """Whether no pass is left to do."""
+    """Whether no pass is left to do; a disturbed one is left to whoever continues."""
     if shard is None:
         return False
     calls = shard.passes[:, :, CALL]
@@ -190,8 +190,9 @@ def replay(
                         done = block.do_pass(run.task, partial(counter.add, run.key.name))
                         spent["in_passes"] += clock()
                         spent["in_calls"] += float(np.nansum(done.times[:, CALL]))
-                        run.shard = judged.shard(run, done, pace)
-                        store.save(run.shard)
+                        if run.shard is None or done.is_final:
+                            run.shard = judged.shard(run, done, pace)
+                            store.save(run.shard)
                     counter.add(run.key.name, before + len(recording.qps) - counter.done)
         spent["replaying"] += clock()
         store.add_spent(spent)

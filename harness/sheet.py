@@ -11,6 +11,7 @@ import mmap
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,6 +119,8 @@ class Sheet:
     Raises OSError where there is no room for the file.
     """
 
+    _file: Any
+
     def __init__(self, path: Path, layout: Layout) -> None:
         self.path, self._layout = path, layout
         self._file = open(path, "w+b", buffering=0)  # noqa: SIM115 (closed by `close`)
@@ -125,12 +128,15 @@ class Sheet:
             self.clear()
         except OSError as error:
             self.close()
-            raise OSError(error.errno, error.strerror, str(path)) from None
+            why = f"{error.strerror}; make room there, or set TMPDIR to another folder"
+            raise OSError(error.errno, why, str(path.parent)) from None
 
     def clear(self) -> None:
         """No QP is under way and none is answered."""
         self._file.seek(0)
-        self._file.write(np.int64(-1).tobytes() + bytes(self._layout.bytes - HEADER))
+        rest = memoryview(np.int64(-1).tobytes() + bytes(self._layout.bytes - HEADER))
+        while rest:  # a file without a buffer may take a part, and say why at the next
+            rest = rest[self._file.write(rest) :]
 
     def position(self) -> int:
         """Position in the pass of the QP under way; −1 before the first."""

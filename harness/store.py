@@ -35,6 +35,7 @@ import pyarrow as pa
 
 from harness.folder_lock import lock_folder
 from harness.isolate import TIME_LIMIT
+from harness.measure import DISTURBED
 from harness.recording import Recording, RecordingError, read_recording, write_recording
 from harness.shard_file import (
     COLUMNS,
@@ -118,7 +119,7 @@ class Store:
         return path
 
     def load(self, key: ShardKey) -> Shard | None:
-        """The shard of this key as far as it was finished, or None.
+        """The shard of this key as far as it was finished, or None; also where it was disturbed.
 
         Raises StoreError if there is one of the same name that was made from or by something else.
         """
@@ -133,7 +134,7 @@ class Store:
                     f"{path}: made with {name} {before!r}, now {value!r}; "
                     "results may not be mixed: use another results folder, or delete this file"
                 )
-        return _shard_of(stored)
+        return _final(_shard_of(stored))
 
     def save(self, shard: Shard) -> None:
         """Write the shard over an earlier one of the same key, at once or not at all."""
@@ -154,12 +155,13 @@ class Store:
             write_whole(path, content)
 
     def made_anywhere(self, key: ShardKey) -> Shard | None:
-        """The shard of this key as far as it was finished, on whatever machine, or None."""
+        """As `load`, on whatever machine it was made."""
         path = self._path(key)
         if not path.exists():
             return None
         stored = read_shard(path)
-        return _shard_of(stored) if replace(stored.key, machine=key.machine) == key else None
+        same = replace(stored.key, machine=key.machine) == key
+        return _final(_shard_of(stored)) if same else None
 
     def refuse_mixture(self, keys: Iterable[ShardKey]) -> None:
         """Raise StoreError where shards of these keys may not stand beside those that are there."""
@@ -285,6 +287,16 @@ def _agree(seen: Seen, key: ShardKey, path: Path, made: str) -> None:
                 f"{path}: {made} with {name} {value!r}, but {where} with {first!r}; results may "
                 "not be mixed: use another results folder, or delete one of them"
             )
+
+
+def _final(shard: Shard) -> Shard | None:
+    """The shard, unless what came of it was not the solver's doing: then it is made anew."""
+    return None if any(map(is_disturbed, shard.rows)) else shard
+
+
+def is_disturbed(row: Mapping[str, Any]) -> bool:
+    """Whether a row says what befell the machine and not what the solver did."""
+    return str(row["status_text"]).startswith(DISTURBED)
 
 
 def _shard_of(stored: StoredShard) -> Shard:

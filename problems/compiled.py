@@ -12,7 +12,9 @@ import hashlib
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,7 @@ import numba
 from llvmlite.binding import Linkage
 from numba.core import cgutils, types
 from numba.core.codegen import JITCodeLibrary
+from numba.core.errors import NumbaExperimentalFeatureWarning
 from numba.core.imputils import impl_ret_borrowed
 from numba.core.registry import cpu_target
 from numba.extending import intrinsic
@@ -68,19 +71,37 @@ def cache_folder(sources: Sequence[Path]) -> Path:
     return folder
 
 
+@contextmanager
+def _cached_in(folder: str) -> Iterator[dict[str, Any]]:
+    """Options for a decorator of numba, while its cache is in `folder`."""
+    elsewhere = numba.config.CACHE_DIR  # type: ignore[attr-defined]
+    numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]
+    try:
+        yield {"cache": True, "error_model": "numpy", "fastmath": set(FAST_MATH)}
+    finally:
+        numba.config.CACHE_DIR = elsewhere  # type: ignore[attr-defined]
+
+
 def kernel_decorator(sources: Sequence[Path]) -> Callable[[Any], Any]:
     """Decorator that compiles a function of one of `sources`; it stays callable from the others."""
     folder = str(cache_folder(sources))
 
     def kernel(function: Any) -> Any:
-        elsewhere = numba.config.CACHE_DIR  # type: ignore[attr-defined]
-        numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]
-        try:
-            return numba.njit(cache=True, error_model="numpy", fastmath=set(FAST_MATH))(function)
-        finally:
-            numba.config.CACHE_DIR = elsewhere  # type: ignore[attr-defined]
+        with _cached_in(folder) as options:
+            return numba.njit(**options)(function)
 
     return kernel
+
+
+def function_decorator(sources: Sequence[Path], signature: Any) -> Callable[[Any], Any]:
+    """Decorator that compiles a function of one signature, which kernels can be handed."""
+    folder = str(cache_folder(sources))
+
+    def function(python_function: Any) -> Any:
+        with _cached_in(folder) as options:
+            return numba.cfunc(signature, **options)(python_function)
+
+    return function
 
 
 def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
@@ -152,6 +173,28 @@ def _in_rows(typingctx: Any, array: Any, rows: Any, columns: Any) -> Any:
 in_rows: Any = intrinsic(_in_rows)
 """`in_rows(x, n, m)` in a kernel: x (n m,) as (n, m), in no time."""
 
+
+class Direct:
+    """`kernel` as a callable that looks at the types of its arguments at the first call only.
+
+    For arguments of the same types at every call, whatever happens: nothing else is checked.
+    """
+
+    def __init__(self, kernel: Any):
+        self.kernel = kernel
+        self._code: Any = None
+
+    def __call__(self, *arguments: Any) -> Any:
+        if self._code is None:
+            signature = tuple(numba.typeof(argument) for argument in arguments)
+            with warnings.catch_warnings():
+                # functions as arguments are "experimental"; what is used of them is tested
+                warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
+                self.kernel.compile(signature)
+            self._code = self.kernel.overloads[signature].entry_point
+        return self._code(*arguments)
+
+
 SOURCES = (
     "arena.py",
     "active_kernels.py",
@@ -162,6 +205,14 @@ SOURCES = (
     "friction_kernels.py",
     "independence.py",
     "peeling.py",
+    "qp_kernel.py",
+    "compiled_least_norm.py",
+    "compiled_passes.py",
+    "quiet_records.py",
+    "quiet_steps.py",
+    "multistep.py",
+    "qp.py",
+    "sparse_minimum_norm.py",
 )
 
 kernel = kernel_decorator([Path(__file__), *(Path(__file__).with_name(name) for name in SOURCES)])

@@ -305,3 +305,22 @@ class Geometry:
         zero = np.zeros_like(corner)
         columns = [self.corner_body[corner], self.corner_number[corner], body, number, zero]
         return np.column_stack(columns)
+
+
+class Shapes(NamedTuple):
+    """The arrays of a `Geometry` that kernels need."""
+
+    corner_body: Indices
+    corner_part: Indices
+    corner_local: Vector
+    part_body: Indices
+    edge_normal: Vector
+    edge_offset: Vector
+    edge_start: Vector
+    edge_length: Vector
+    radius: Vector
+    contact_tol: Vector
+
+    @classmethod
+    def of(cls, geometry: Geometry) -> Shapes:
+        return cls(*(getattr(geometry, name) for name in cls._fields))

@@ -10,6 +10,10 @@ from math import sqrt
 from problems.arena import zeros
 from problems.compiled import in_rows, kernel
 
+RANK_TOL = 1e-10
+"""Diagonal entries of R below this fraction of the first count as 0."""
+ACCURACY = 1e-12
+"""Accuracy asked of the least-squares residual, whose last entry is at least ½."""
 SAFE_FRACTION = 1e-6
 """Singular values above this fraction of ‖A‖_F leave no doubt about the rank."""
 

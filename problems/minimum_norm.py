@@ -29,15 +29,15 @@ from numpy.typing import ArrayLike
 from scipy.linalg.lapack import dgeqp3, dorgqr
 from scipy.sparse.linalg import splu
 
-from problems.independence import SAFE_FRACTION, far_from_dependent
+from problems.arena import Arena
+from problems.compiled import Direct
+from problems.compiled_least_norm import least_norm as compiled_least_norm
+from problems.independence import ACCURACY, RANK_TOL, SAFE_FRACTION, far_from_dependent
 from problems.qp import FEATURE_FIELDS, LARGEST, ContactQP, Matrix, Vector
 from problems.sequence import QPSequence
 from problems.sparse_minimum_norm import SAME_FORCE, ridge_minimum_norm
 
-RANK_TOL = 1e-10
-"""Diagonal entries of R below this fraction of the first count as 0."""
-ACCURACY = 1e-12
-"""Accuracy asked of the least-squares residual, whose last entry is at least ½."""
+run_least_norm = Direct(compiled_least_norm)
 MANY_COLUMNS = 400
 """From this many columns on the sparse way is the faster one."""
 SPARSE_SAFE_FRACTION = 3e-7
@@ -141,13 +141,16 @@ def minimum_norm(qps: QPSequence, qp: ContactQP, x: Vector, coulomb: sp.csr_arra
 def least_norm(qps: QPSequence, qp: ContactQP, x: Vector, coulomb: sp.csr_array | None) -> Vector:
     """`minimum_norm` of an A that is not `surely_independent`.
 
-    Where QPs are not kept, by the solver itself if it can (`Lotstedt.least_norm`).
+    Where QPs are not kept, compiled with the method of the solver, if it has one.
     """
-    compiled = None if qps.keep else getattr(qps.solver, "least_norm", None)
-    found = None if compiled is None else compiled(qp, x, coulomb)
-    if found is not None:
-        qps.count += found[1]
-        return found[0]
+    method = qps.compiled(qp.k)
+    if method is not None:
+        C = np.zeros((0, qp.k)) if coulomb is None else coulomb.toarray()
+        own = qp.dense_A.copy(), qp.lower.copy(), qp.upper.copy(), x.copy()
+        arena = Arena.of(qp.k + C.shape[0])
+        least, solves = run_least_norm(*own, C, arena, *method)
+        qps.count += solves
+        return least
     if sp.issparse(qp.A) and qp.k >= MANY_COLUMNS:
         return ridge_minimum_norm(qps, qp, x, coulomb)
     movable = qp.lower < qp.upper  # fixed rows would be two opposite inequalities

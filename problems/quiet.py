@@ -1,29 +1,58 @@
-"""What a run whose QPs are not kept leaves to a solver that does it in compiled code.
+"""Quiet steps of a run whose QPs are not kept: taken in compiled code, many at a time.
 
 Between events a step is always the same: AB-r, columns, passes of QPs, BDF-r, the length of the
-next.  A solver may offer `take_quiet_steps`, a loop over such steps that ends where the stepper is
-needed: at a collision, at an end of an edge, after a step with which friction stops.  What it does
-is what `Stepper.advance` does, up to rounding, and with more columns than the solver has a path of
-its own for, up to the accuracy asked of QPs.  Here is what both must agree on.  Forces must be
-constant between their jumps.
-
-It may offer `newton_coulomb`, the passes of a `Collision`, and `least_norm` (4.8), too.
+next.  `problems.quiet_steps` is a loop over such steps, with the QP method that the solver hands
+over (`problems.qp_kernel`); it ends where the stepper is needed: at a collision, at an end of an
+edge, after a step with which friction stops.  What it does is what `Stepper.advance` does, up to
+rounding, and with more columns than the solver has a path of its own for, up to the accuracy asked
+of QPs.  Forces must be constant between their jumps.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from problems.active_kernels import Contacts, Frictions
 from problems.arena import Arena
 from problems.assembly import Assembly
+from problems.compiled import Direct
 from problems.constraint_graph import ActiveSet
-from problems.contacts import Geometry
 from problems.multistep import asked_accuracy
-from problems.qp import Indices, Solution, Vector
+from problems.qp import Solution, Status, Vector
+from problems.qp_kernel import WARM
+from problems.quiet_records import (
+    A_BEFORE,
+    AGAIN,
+    CHANGES,
+    COUNTED,
+    CUTS,
+    ENDED,
+    ENTRIES,
+    EVENT,
+    HIGHEST,
+    KNOWN,
+    LOOK,
+    MOST,
+    MOST_PASSES,
+    OPEN,
+    PASSES,
+    REJECTED,
+    SOLVES,
+    STEPS,
+    TAKEN,
+    TIME,
+    UNTIL,
+    V_BEFORE,
+    WISH,
+    A,
+    H,
+    Q,
+    QuietSteps,
+    V,
+)
+from problems.quiet_steps import quiet_steps
 from problems.run import Stretch
 from problems.velocity import MAX_PASSES, VelocityStep
 
@@ -31,113 +60,14 @@ if TYPE_CHECKING:
     from problems.system import System
     from problems.transitions import Transitions
 
-MOST = 256
-"""Steps of one call."""
-
-# rows of `QuietSteps.state`
-Q, V, V_BEFORE, A, A_BEFORE = range(5)
-# entries of `QuietSteps.reals`: the time, the last step and the one wished for [s] …
-TIME, H, WISH = range(3)
-# … and what the stepper is set to
-EPS, DROP_TOL, H_MAX, FIXED, REST_SPEED, UNTIL, REACH = range(3, 10)
-# entries of `QuietSteps.counts`: steps since the last restart, steps taken, QPs solved, those of
-# them that belong to steps taken or rejected, highest order, why there were no more, time points
-# with λ, passes of friction at most (1: lagged), steps rejected because their error turned out too
-# large or friction stops, whether nothing happens at UNTIL, passes of the last step, whether steps
-# are cut where friction stops, changes of the contacts
-STEPS, TAKEN, SOLVES, COUNTED, HIGHEST, ENDED, KNOWN, MOST_PASSES, REJECTED, OPEN = range(10)
-PASSES, CUTS, CHANGES = 10, 11, 12
-ENTRIES = 13
-# values of `counts[ENDED]`: the next step is the stepper's; it has to look at the last one first;
-# there is no more room, or the candidates have to be listed anew; on the way, contacts have changed
-EVENT, LOOK, AGAIN, CHANGED = range(4)
-
-
-class Shapes(NamedTuple):
-    """The arrays of a `Geometry` that kernels need."""
-
-    corner_body: Indices
-    corner_part: Indices
-    corner_local: Vector
-    part_body: Indices
-    edge_normal: Vector
-    edge_offset: Vector
-    edge_start: Vector
-    edge_length: Vector
-    radius: Vector
-    contact_tol: Vector
-
-    @classmethod
-    def of(cls, geometry: Geometry) -> Shapes:
-        return cls(*(getattr(geometry, name) for name in cls._fields))
-
-
-class QuietSteps(NamedTuple):
-    """What steps are taken with, and what they leave behind.
-
-    For n bodies and at first N active normals and F frictions, of which some leave on the way; what
-    is left of arrays of these lengths is in front then.
-
-    D : (3n,);  forces : (3n,) f;  eps0 : the accuracy asked of a QP (3.13)
-    contacts : see there, multipliers and signs are updated
-    corner, part, level, free : (L,) the candidates themselves, updated
-    listed_at : (3n,) where the candidates were listed
-    state, reals, counts : see the names above, updated
-    track : (MOST, 1 + 6n) t, q, q̇ of every step;  gaps : (MOST,) min φ [m]
-    multipliers : (MOST, N + F) λ_N and λ_F
-    at_bound, stopped : (F,) of the last step: `VelocityStep.at_bound`, whether a sliding one stops
-    changes : (N + F, 2) steps taken and the row_id of a normal that left after them, or of a
-        friction that began to slip
-    sense : (N + F,) the sign s of that friction, 0 of a normal
-    arena : room for what is made on the way
-    """
-
-    shapes: Shapes
-    D: Vector
-    forces: Vector
-    eps0: float
-    contacts: Contacts
-    corner: Indices
-    part: Indices
-    level: Vector
-    free: NDArray[np.bool_]
-    listed_at: Vector
-    state: Vector
-    reals: Vector
-    counts: Indices
-    track: Vector
-    gaps: Vector
-    multipliers: Vector
-    at_bound: NDArray[np.bool_]
-    stopped: NDArray[np.bool_]
-    changes: Indices
-    sense: Vector
-    arena: Arena
-
-
-class Collision(NamedTuple):
-    """What Newton–Coulomb impulses follow from, see `problems.newton_coulomb`.
-
-    D, v, F : (3n,) with q̇₋ = v and the external impulse
-    columns, layout, tangents : (entries (·, 6), bodies (·, 2)) of g_N, of the QP and of g_F
-    """
-
-    frictions: Frictions
-    D: Vector
-    v: Vector
-    F: Vector
-    columns: tuple[Vector, Indices]
-    layout: tuple[Vector, Indices]
-    tangents: tuple[Vector, Indices]
-
-
-class Impact(NamedTuple):
-    """q̇₊ (3n,), Λ_N (N,), Λ_F (F,), and the QPs that were solved for them."""
-
-    v: Vector
-    lam_N: Vector
-    lam_F: Vector
-    solves: int
+run_quiet_steps = Direct(quiet_steps)
+NO_CONTACT = Solution(
+    x=np.zeros(0),
+    row_id=np.zeros(0, dtype=np.int64),
+    status=Status.SOLVED,
+    working_set=np.zeros(0, dtype=np.int8),
+)
+"""The answer to the QP of a step in free flight."""
 
 
 class LastStep(NamedTuple):
@@ -148,23 +78,15 @@ class LastStep(NamedTuple):
     stopped: NDArray[np.bool_]
 
 
-class TakesQuietSteps(Protocol):
-    """A solver with a compiled loop over steps."""
-
-    def take_quiet_steps(self, run: QuietSteps, start: Solution | None) -> Solution | None:
-        """Take steps until the stepper is needed; the last solution, None without any."""
-
-
 class Quiet:
-    """Leaves the quiet steps of a stepper to its solver, unless it is known to take none."""
+    """Takes the quiet steps of a stepper, where they can be compiled and there may be any."""
 
     def __init__(self, stepper: System) -> None:
-        solver: Any = stepper.qps.solver
-        able = hasattr(solver, "take_quiet_steps") and not stepper.qps.keep
-        able &= stepper.options.drift == "none" and not stepper.varying
-        self.solver: TakesQuietSteps | None = solver if able else None
+        self.solver: Any = stepper.qps.solver
+        able = stepper.qps.compiled(0) is not None
+        self.able = able and stepper.options.drift == "none" and not stepper.varying
         self._event_is_next = False
-        if not able:
+        if not self.able:
             return
         m, options = stepper.q.size, stepper.options
         self._state, self._counts = np.zeros((5, m)), np.zeros(ENTRIES, dtype=np.int64)
@@ -180,23 +102,29 @@ class Quiet:
         )
 
     def take_steps(self, stepper: Transitions, end: float) -> tuple[int, LastStep | None]:
-        """Let the solver take steps from here to `end` [s]: how many, and the last of them.
+        """Take steps from here to `end` [s]: how many, and the last of them.
 
         The stepper is left as it is after that; before step 4, where the last step is given.
         """
-        if self.solver is None:
-            return 0, None
-        if not self._may_take_any(stepper):
+        if not (self.able and self._may_take_any(stepper)):
             return 0, None
         taken, ended = 0, AGAIN
         while ended == AGAIN:
             active = stepper.graph.active_set()
+            k = active.normal_ids.size + active.friction_ids.size
+            method = stepper.qps.compiled(k)
+            if method is None:
+                ended = EVENT
+                break
             run = self._prepare(stepper, active, end)
-            solution = self.solver.take_quiet_steps(run, stepper.qps.start())
+            room = self.solver.room(stepper.q.size, k, run.eps0, stepper.qps.start())
+            mode = method.mode | WARM if room.warm else method.mode
+            run_quiet_steps(run, method.solve, room.S, room.I, room.eps0, mode)
             counts = run.counts.tolist()
             steps, ended = counts[TAKEN], counts[ENDED]
-            if solution is not None:
-                stepper.qps.went_on(solution, counts[COUNTED])
+            if steps or counts[SOLVES]:
+                last = self.solver.last_answer(room) if counts[SOLVES] else NO_CONTACT
+                stepper.qps.went_on(last, counts[COUNTED])
                 stepper.counts["rejected_steps"] += counts[REJECTED]
             if steps:
                 _follow(stepper, run, active, steps)

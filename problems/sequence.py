@@ -18,6 +18,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from problems.qp import ContactQP, Solution, Status
+from problems.qp_kernel import CompiledMethod
 
 WARM_KINDS = ("step", "iteration", "corrector")
 """Kinds of QP that end a step; they follow one another smoothly enough for a warm start."""
@@ -55,6 +56,14 @@ class QPSequence:
     def start(self) -> Solution | None:
         """What the next step's QP starts from."""
         return None if self._restarting else self._last
+
+    def compiled(self, k: int) -> CompiledMethod | None:
+        """The solver's method for compiled steps with QPs of up to k columns.
+
+        None where QPs are kept, or where it has none.
+        """
+        offer = None if self.keep else getattr(self.solver, "compiled", None)
+        return None if offer is None else offer(k)
 
     def went_on(self, last: Solution, count: int) -> None:
         """So many more QPs of steps were solved elsewhere, with this last solution."""

@@ -13,14 +13,14 @@ import numpy as np
 from problems.assembly import Assembly
 from problems.bodies import mass_diagonal
 from problems.constraint_graph import ConstraintGraph, Contact, Normal
-from problems.contacts import Geometry, Pose
+from problems.contacts import Geometry, Pose, Shapes
 from problems.drift import closing_motion
 from problems.forces import Force
 from problems.gain import GainWatch
 from problems.multistep import SHORTEST_STEP, History
 from problems.options import StepperOptions
 from problems.qp import Vector
-from problems.quiet import Quiet, Shapes
+from problems.quiet import Quiet
 from problems.run import Event, Run, Stretch
 from problems.scenes import Scene
 from problems.sequence import QPSequence, SolvesQPs

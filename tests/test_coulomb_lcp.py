@@ -10,6 +10,7 @@ import scipy.sparse as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.collisions import LAWS, TOLERANCE, collision, solved
 from benchmarks.heaps import case
 from problems import newton_coulomb, scene, simulate
 from problems.assembly import Assembly
@@ -113,6 +114,22 @@ def test_a_collision_whose_passes_cycle_for_redundant_contacts_settles(keep):
         pile, make_solver("lotstedt"), until=0.16, impulses="newton_coulomb", keep_qps=keep
     )
     assert run.t[-1] == pytest.approx(0.16) and run.counts["impulses"] > 20
+
+
+@pytest.mark.parametrize("noise", [0, 1])
+@pytest.mark.parametrize("seed", [seed for seed in range(30) if seed % 5 != 4])
+def test_collisions_of_redundant_contacts_settle_and_meet_both_laws(seed, noise):
+    found = solved(collision(seed), noise).violations
+    assert max(found[law] for law in LAWS) <= TOLERANCE, found
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_the_lcp_alone_meets_both_laws(seed, monkeypatch):
+    """Where no pass is made; contacts tie in all of these."""
+    monkeypatch.setattr(newton_coulomb, "MAX_PASSES", 0)
+    outcome = solved(collision(seed), 0, keep=True)
+    assert outcome.asked
+    assert max(outcome.violations[law] for law in LAWS) <= TOLERANCE, outcome.violations
 
 
 def _resisting(d, tangent, bound):

@@ -5,7 +5,7 @@ import pytest
 import scipy.sparse as sp
 from scipy.optimize import minimize
 
-from problems import scene, simulate
+from problems import compiled_least_norm, scene, simulate
 from problems.arena import Arena
 from problems.independence import far_from_dependent
 from problems.minimum_norm import (
@@ -14,14 +14,13 @@ from problems.minimum_norm import (
     least_distance_qp,
     minimum_norm,
     null_space,
+    run_least_norm,
     surely_independent,
 )
 from problems.qp import ContactQP
 from problems.sequence import QPSequence
 from problems.sparse_minimum_norm import ridge
 from solvers import make_solver
-from solvers.active_set import minimum_norm as compiled
-from solvers.active_set.loop import TODAYS_QR
 from solvers.active_set.sparse_pattern import is_narrow
 
 
@@ -232,8 +231,11 @@ def test_the_sparse_way_finds_the_same_multipliers(seed, with_rows):
         assert (C @ sparse).min() >= -1e-8
 
 
-def compiled_least_norm(A, lam, lower, upper, C):
-    return compiled.least_norm(A, lower, upper, lam, C, Arena.of(lam.size), TODAYS_QR)
+def by_kernels(A, lam, lower, upper, C):
+    return run_least_norm(
+        *(A, lower, upper, lam, C, Arena.of(lam.size)),
+        *make_solver("lotstedt").compiled(A.shape[1]),
+    )
 
 
 @pytest.mark.parametrize("with_rows", [False, True])
@@ -249,7 +251,7 @@ def test_the_compiled_way_finds_the_same_multipliers(seed, with_rows):
         qps, ContactQP(A, -A @ lam, lower, upper), lam, C if with_rows else None
     )
     rows = C.toarray() if with_rows else np.zeros((0, lam.size))
-    found, solves = compiled_least_norm(A, lam, lower, upper, rows)
+    found, solves = by_kernels(A, lam, lower, upper, rows)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
     assert solves == qps.count
 
@@ -259,7 +261,7 @@ def test_the_compiled_null_space_is_orthonormal_and_complete(shape):
     m, rank, k = shape
     rng = np.random.default_rng(0)
     A = rng.normal(size=(m, rank)) @ rng.normal(size=(rank, k))
-    basis = compiled.null_space(A.copy())
+    basis = compiled_least_norm.null_space(A.copy())
     assert basis.shape == (k - rank, k)
     np.testing.assert_allclose(basis @ A.T, 0, atol=1e-13)
     np.testing.assert_allclose(basis @ basis.T, np.eye(k - rank), atol=1e-14)

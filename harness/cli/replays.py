@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 from harness.cli.app import (
     Cluster,
@@ -92,6 +95,20 @@ def replay(
             progress=tell,
         )
     terminal().print(replay_table(rows))
+    told_if_disturbed(rows)
+
+
+def told_if_disturbed(rows: pd.DataFrame) -> None:
+    """Exit 1 with the runs that are no result of a solver, and why."""
+    from harness.store import is_disturbed
+
+    disturbed = rows[[is_disturbed(row) for row in rows[["status_text"]].to_dict("records")]]
+    if disturbed.empty:
+        return
+    for (solver, scene), part in disturbed.groupby(["solver", "scene"]):
+        typer.echo(f"{solver} on {scene}: {part['status_text'].iloc[0]}", err=True)
+    typer.echo(f"{len(disturbed)} QPs were disturbed; the same command tries them again", err=True)
+    raise typer.Exit(1)
 
 
 @app.command()

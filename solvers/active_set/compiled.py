@@ -10,39 +10,16 @@ from typing import Any
 
 import numba
 
-from problems import compiled
+from problems import compiled, qp, qp_kernel
 
-SOURCES = (
-    "workspace.py",
-    "factorization.py",
-    "conjugate_gradients.py",
-    "flops.py",
-    "online_rule.py",
-    "settled.py",
-    "loop.py",
-    "sparse_pattern.py",
-    "sparse_workspace.py",
-    "sparse_cholesky.py",
-    "sparse_direction.py",
-    "sparse_loop.py",
-    "minimum_norm.py",
-    "passes.py",
-    "quiet_steps.py",
-)
-PHYSICS = (
-    *("compiled.py", "qp.py", "quiet.py", "multistep.py", "minimum_norm.py"),
-    *("sparse_minimum_norm.py", *compiled.SOURCES),
-)
-"""Files of `problems` whose functions or constants are compiled into kernels."""
+SOURCES = [
+    *sorted(Path(__file__).parent.rglob("*.py")),
+    *(Path(str(module.__file__)) for module in (compiled, qp, qp_kernel)),
+]
+"""Files whose functions or constants are compiled into the method's kernels."""
 
-kernel = compiled.kernel_decorator(
-    [
-        Path(__file__),
-        *(Path(__file__).with_name(name) for name in SOURCES),
-        *(Path(compiled.__file__).with_name(name) for name in PHYSICS),
-    ]
-)
-
+kernel = compiled.kernel_decorator(SOURCES)
+function = compiled.function_decorator(SOURCES, qp_kernel.SIGNATURE)
 in_rows, lent, read_only = compiled.in_rows, compiled.lent, compiled.read_only
 
 
@@ -68,21 +45,3 @@ def entry(kernel: Any, *arguments: str) -> Any:
     signature = tuple(types[name] for name in arguments)
     kernel.compile(signature)
     return kernel.overloads[signature].entry_point
-
-
-class Direct:
-    """`kernel` as a callable that looks at the types of its arguments at the first call only.
-
-    For arguments of the same types at every call, whatever happens: nothing else is checked.
-    """
-
-    def __init__(self, kernel: Any):
-        self.kernel = kernel
-        self._code: Any = None
-
-    def __call__(self, *arguments: Any) -> Any:
-        if self._code is None:
-            signature = tuple(numba.typeof(argument) for argument in arguments)
-            self.kernel.compile(signature)
-            self._code = self.kernel.overloads[signature].entry_point
-        return self._code(*arguments)

@@ -11,7 +11,8 @@ from __future__ import annotations
 from math import inf, nan, sqrt
 
 from problems.qp import AT_LOWER, AT_UPPER, FREE, PASSIVE
-from solvers.active_set.compiled import kernel, lent
+from problems.qp_kernel import WARM
+from solvers.active_set.compiled import function, kernel, lent
 from solvers.active_set.conjugate_gradients import conjugate_gradients
 from solvers.active_set.factorization import (
     UNIT_ROUNDOFF,
@@ -98,11 +99,11 @@ SHARE = 0.1
 ROUNDING = 4 * UNIT_ROUNDOFF
 """Rounding in Δ, in units of ‖ |B||z| + |d| ‖."""
 
-WARM, OWN_SET, TODAYS_QR, NO_R, CUSTOM, ONLINE, SETTLED = 1, 2, 4, 8, 16, 32, 64
+OWN_SET, TODAYS_QR, NO_R, CUSTOM, ONLINE, SETTLED = 2, 4, 8, 16, 32, 64
 SCRATCH, EXTRAPOLATED = 128, 256
-"""Bits of `mode`: there is a previous solution; F is chosen anew; factorize today's A_F; conjugate
-gradients without R; the options in rows REALS and COUNTS replace the paper's; factorize by the
-online rule and not by the paper's; try the previous F by itself first; never
+"""Bits of `mode` beside `WARM`, there is a previous solution: F is chosen anew; factorize today's
+A_F; conjugate gradients without R; the options in rows REALS and COUNTS replace the paper's;
+factorize by the online rule and not by the paper's; try the previous F by itself first; never
 update a factorization; begin with x extrapolated from two QPs."""
 ENTERED, BOUNCED, DISMISSED, NOW_IN_F = 1, 2, 4, 8
 """Bits of row MARK: entered F since A x last moved; thrown back since; not worth freeing; in F,
@@ -703,3 +704,10 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
     if mode & EXTRAPOLATED:
         remember_before(S, BEFORE, X, P, S[REALS], I[PREVIOUS], k, warm)
     finish(row_id, lower, upper, S, I, k, f)
+
+
+@function
+def solve(A, d, lower, upper, row_id, S, I, eps0, mode):
+    """`algorithm_2` for compiled steps, see `problems.qp_kernel`."""
+    algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode)
+    return I[COUNTS, STATUS] == SOLVED

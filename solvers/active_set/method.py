@@ -59,16 +59,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from problems.arena import Arena
-from problems.qp import ContactQP, Solution, Status, Vector, WorkCounts
-from problems.quiet import (
-    SOLVES,
-    TAKEN,
-    Collision,
-    Impact,
-    QuietSteps,
-)
-from solvers.active_set.compiled import Direct, entry
+from problems.qp import ContactQP, Solution, Status, WorkCounts
+from problems.qp_kernel import WARM, CompiledMethod, Room
+from solvers.active_set.compiled import entry
 from solvers.active_set.loop import (
     CUSTOM,
     EXTRAPOLATED,
@@ -78,12 +71,9 @@ from solvers.active_set.loop import (
     SCRATCH,
     SETTLED,
     TODAYS_QR,
-    WARM,
     algorithm_2,
+    solve,
 )
-from solvers.active_set.minimum_norm import least_norm
-from solvers.active_set.passes import impulse_passes
-from solvers.active_set.quiet_steps import quiet_steps
 from solvers.active_set.sparse_loop import TODAYS_A, sparse_algorithm_2
 from solvers.active_set.sparse_pattern import is_narrow, make_pattern
 from solvers.active_set.sparse_workspace import SparseWorkspace, make_sparse_workspace
@@ -146,10 +136,6 @@ run_dense = entry(
     *("matrix", "vector", "vector", "vector", "indices", "floats", "ints", "float", "int"),
 )
 """`algorithm_2` as a callable that trusts its arguments: `ContactQP` has made sure of them."""
-
-
-run_quiet_steps, run_impulse_passes = Direct(quiet_steps), Direct(impulse_passes)
-"""The same for records of arrays, which come from `problems.quiet`."""
 
 
 class SparseCall(NamedTuple):
@@ -323,69 +309,42 @@ class Lotstedt(Solver):
             room,
         )
 
-    def take_quiet_steps(self, run: QuietSteps, start: Solution | None) -> Solution | None:
-        """Steps of a simulation by `quiet_steps`, or None; see `_small_calls_mode`."""
-        m, contacts = run.D.size, run.contacts
-        k = contacts.normal_ids.size + contacts.friction_ids.size
-        mode = self._small_calls_mode(k)
-        if mode is None:
-            return None
-        start = usable(start)
-        if start is None or start.x is None:
-            room = make_workspace(m, k)
-        else:
-            mode |= WARM
-            room = start.memory
-            if type(room) is not Workspace or room.n < k or room.n < m:
-                before = Start(start.x, start.working_set, start.row_id, start.memory)
-                room = dense_room(m, k, before)
-        asked = run.eps0 if self.accuracy is None else self.accuracy
-        eps0 = -1.0 if asked == "default" else float(asked)
-        run_quiet_steps(run, room.S, room.I, eps0, mode)
-        if not run.counts[SOLVES] and not run.counts[TAKEN]:
-            return None
-        last = max(int(room.I[COUNTS, OLD_K]), 0) if run.counts[SOLVES] else 0
-        return Solution(
-            x=room.S[X, :last].copy(),
-            row_id=room.I[OLD_ROW, :last].copy(),
-            status=Status.SOLVED,
-            working_set=room.I[OLD_MEMBER, :last].astype(np.int8),
-            memory=room if k else None,
-        )
-
-    def newton_coulomb(
-        self, collision: Collision, most: int, tolerance: float, accuracy: float
-    ) -> Impact | None:
-        """q̇₊ and Λ by `impulse_passes`; None where they do not settle, see `_small_calls_mode`."""
-        m, k = collision.D.size, collision.frictions.row_id.size
-        mode = self._small_calls_mode(k)
-        if mode is None:
-            return None
-        room = make_workspace(m, k)
-        settled, *impact = run_impulse_passes(
-            *(*collision, most, tolerance, Arena.of(m + k), room.S, room.I, accuracy, mode)
-        )
-        return Impact(*impact) if settled else None
-
-    def _small_calls_mode(self, k: int) -> int | None:
-        """`mode` where a whole step or collision of k columns is done in one call, QPs unseen.
+    def compiled(self, k: int) -> CompiledMethod | None:
+        """Algorithm 2 for whole steps and collisions in one call, up to `SMALL_CALLS` columns.
 
         For the method's default alone, with today's factorization also somewhat beyond `CROSSOVER`:
         what a step costs in Python is more than what a kept R would save.
         """
         mode: int = self._small  # type: ignore[attr-defined]
-        return None if self.variant or mode & CUSTOM or k > SMALL_CALLS else mode
-
-    def least_norm(
-        self, qp: ContactQP, x: Vector, coulomb: sp.csr_array | None
-    ) -> tuple[Vector, int] | None:
-        """`problems.minimum_norm.least_norm` and how many QPs it took; None where k is large."""
-        mode = self._small_calls_mode(qp.k)
-        if mode is None:
+        if self.variant or mode & CUSTOM or k > SMALL_CALLS:
             return None
-        C = np.zeros((0, qp.k)) if coulomb is None else coulomb.toarray()
-        arena = Arena.of(qp.k + C.shape[0])
-        return least_norm(qp.dense_A.copy(), qp.lower.copy(), qp.upper.copy(), x, C, arena, mode)
+        return CompiledMethod(solve, mode)
+
+    def room(self, m: int, k: int, eps0: float, start: Solution | None) -> Room:
+        """A workspace for m rows and k columns, with what `start` remembers."""
+        asked = eps0 if self.accuracy is None else self.accuracy
+        eps0 = -1.0 if asked == "default" else float(asked)
+        start = usable(start)
+        if start is None or start.x is None:
+            room = make_workspace(m, k)
+        else:
+            room = start.memory
+            if type(room) is not Workspace or room.n < k or room.n < m:
+                before = Start(start.x, start.working_set, start.row_id, start.memory)
+                room = dense_room(m, k, before)
+        return Room(room.S, room.I, eps0, start is not None)
+
+    def last_answer(self, room: Room) -> Solution:
+        """What was solved last in a room."""
+        S, I = room.S, room.I
+        last = max(int(I[COUNTS, OLD_K]), 0)
+        return Solution(
+            x=S[X, :last].copy(),
+            row_id=I[OLD_ROW, :last].copy(),
+            status=Status.SOLVED,
+            working_set=I[OLD_MEMBER, :last].astype(np.int8),
+            memory=Workspace(S, I, S.shape[1]),
+        )
 
     def _hand_over_options(self, room: Workspace | SparseWorkspace, t: float) -> None:
         limit, reals = self.iteration_limit, room.S[REALS]

@@ -26,6 +26,7 @@ from __future__ import annotations
 from math import inf, sqrt
 
 from problems.qp import AT_LOWER, AT_UPPER, FREE, PASSIVE
+from problems.qp_kernel import WARM
 from solvers.active_set.compiled import kernel, lent
 from solvers.active_set.loop import (
     BOUNCED,
@@ -39,7 +40,6 @@ from solvers.active_set.loop import (
     SCRATCH,
     SHARE,
     TODAYS_QR,
-    WARM,
     extrapolated,
     extrapolation,
     map_rows,

@@ -21,15 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from problems.qp import Vector
+from problems.qp_kernel import LANES, N_FLOAT_ROWS, N_INT_ROWS, X
 
 # rows of S
-Z, LENGTH, LOWER, UPPER, GRADIENT, P, Y, RESIDUAL, FRESH, NORM2 = range(10)
-TAU, SEARCH, V, REMAINDER, X, STEP, REALS, MOMENTUM, SIZES, BEFORE = range(10, 20)
-N_FLOAT_ROWS = 20
+STEP, Z, LENGTH, LOWER, UPPER, GRADIENT, P, Y, RESIDUAL, FRESH = range(X + 1, 11)
+NORM2, TAU, SEARCH, V, REMAINDER, REALS, MOMENTUM, SIZES, BEFORE = range(11, N_FLOAT_ROWS)
 
 # rows of I
 COUNTS, F, MEMBER, OLD_ROW, OLD_MEMBER, OLD_F, PREVIOUS, TODAY, MARK = range(9)
-N_INT_ROWS = 9
 
 # entries of row REALS
 INVERSE_NORM, GROWN_NORM, WRONG, CG_LIMIT, SHIFT = range(5)
@@ -46,8 +45,6 @@ INTERVAL, PASSES = 11, 12
 DUE, CAP, CYCLES = 13, 14, 15
 SOLVED, INACCURATE, OUT_OF_PASSES = 0, 1, 2
 """What row COUNTS holds at STATUS."""
-LANES = 16
-"""Loops along m run over multiples of this; n is one, too."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 """Minimum-norm multipliers (4.8) of small QPs, compiled.
 
 The same way to the same λ as `problems.minimum_norm`, which says what it is, for runs whose QPs are
-not kept: the least-distance problem is an `algorithm_2` like every other, but nobody records it.
+not kept: the least-distance problem is a QP like every other, but nobody records it.
 """
 
 from __future__ import annotations
@@ -11,11 +11,10 @@ from math import inf, sqrt
 import numpy as np
 
 from problems.arena import integers, numbers, table
-from problems.minimum_norm import ACCURACY, RANK_TOL
+from problems.compiled import in_rows, kernel, read_only
+from problems.independence import ACCURACY, RANK_TOL
+from problems.qp_kernel import N_FLOAT_ROWS, N_INT_ROWS, WARM, X, room_size
 from problems.sparse_minimum_norm import SAME_FORCE
-from solvers.active_set.compiled import in_rows, kernel, read_only
-from solvers.active_set.loop import WARM, algorithm_2
-from solvers.active_set.workspace import LANES, N_FLOAT_ROWS, N_INT_ROWS, X
 
 
 @kernel
@@ -71,10 +70,10 @@ def null_space(A):
 
 
 @kernel
-def least_distance(E, e, arena, mode):
+def least_distance(E, e, arena, solve, mode):
     """z (l,) of least norm with E z ≥ e, E (p, l), whether there is one, and QPs solved for it.
 
-    arena : see `problems.arena`;  mode : see `algorithm_2`
+    arena : see `problems.arena`;  solve, mode : see `problems.qp_kernel`
     """
     p, l = E.shape
     z = np.zeros(l)
@@ -94,10 +93,10 @@ def least_distance(E, e, arena, mode):
         A[l, c] = e[acts[c]]
         lower[c], upper[c] = 0.0, inf
     d[:l], d[l] = 0.0, -1.0
-    n = (max(l + 1, count) + LANES - 1) // LANES * LANES
+    n = room_size(l + 1, count)
     S = table(arena, N_FLOAT_ROWS + 3 * n, n)
     I = in_rows(integers(arena, N_INT_ROWS * n), N_INT_ROWS, n)
-    algorithm_2(
+    solve(
         *(read_only(A), read_only(d), read_only(lower), read_only(upper)),
         *(read_only(acts[:count]), S, I, ACCURACY, mode & ~WARM),
     )
@@ -112,7 +111,7 @@ def least_distance(E, e, arena, mode):
 
 
 @kernel
-def least_norm(A, lower, upper, x, C, arena, mode):
+def least_norm(A, lower, upper, x, C, arena, solve, mode):
     """λ (k,) of least norm with the A λ of x within the bounds and C λ ≥ 0, and QPs solved for it.
 
     C : (p, k), left out where it cannot be met;  the others: see `least_distance`
@@ -160,9 +159,9 @@ def least_norm(A, lower, upper, x, C, arena, mode):
                 for i in range(l):
                     E[bounds + r, i] += weight * basis[i, c]
     e /= size
-    z, found, solves = least_distance(E[:rows], e[:rows], arena, mode)
+    z, found, solves = least_distance(E[:rows], e[:rows], arena, solve, mode)
     if not found and rows > bounds:
-        z, found, more = least_distance(E[:bounds], e[:bounds], arena, mode)
+        z, found, more = least_distance(E[:bounds], e[:bounds], arena, solve, mode)
         solves += more
     if not found:
         return x, solves

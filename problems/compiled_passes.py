@@ -12,6 +12,8 @@ import numpy as np
 
 import problems.multistep as multistep
 from problems.arena import numbers, zeros
+from problems.compiled import in_rows, kernel, lent, read_only
+from problems.compiled_least_norm import least_norm
 from problems.contact_kernels import column_speeds, column_sum, dense_columns
 from problems.friction_kernels import (
     driven_forces,
@@ -23,11 +25,8 @@ from problems.friction_kernels import (
 from problems.independence import SAFE_FRACTION, far_from_dependent
 from problems.multistep import FIRST_RATE
 from problems.qp import LARGEST
+from problems.qp_kernel import WARM, X
 from problems.step_kernels import momentum, outcome, weighted_norm
-from solvers.active_set.compiled import in_rows, kernel, lent, read_only
-from solvers.active_set.loop import WARM, algorithm_2
-from solvers.active_set.minimum_norm import least_norm
-from solvers.active_set.workspace import COUNTS, SOLVED, STATUS, X
 
 iteration_error = kernel(multistep.iteration_error)
 
@@ -84,7 +83,7 @@ def friction_passes(
     stop : passes at most; the change of ‖q̇‖_M that another may make; ε₀ of a QP; whether it is the
         next pass that counts, and not all further ones by (3.14)
     qp : A, and room for d, lower and upper, see `qp_room`
-    room : S, I, eps0 and mode, see `algorithm_2`
+    room : solve, S, I, eps0 and mode, see `problems.qp_kernel`
     found : v, a, lam_N, lam_F and bound, written to
     arena : see `problems.arena`
     """
@@ -93,7 +92,7 @@ def friction_passes(
     signs, sticking = frictions.signs, frictions.sticking
     friction_of, mu = frictions.friction_of, frictions.mu
     A, d, lower, upper = lent(qp)
-    S, I, eps0, mode = lent(room)
+    solve, S, I, eps0, mode = lent(room)
     v, a, lam_N, lam_F, bound = lent(found)
     forces, lam_star, arena = lent(forces), lent(lam_star), lent(arena)
     most, tolerance, rounding, next_only = stop
@@ -119,18 +118,18 @@ def friction_passes(
         if not momentum(b, force, D, h, LARGEST, d)[1]:
             return 0, mode, solves
         if k > 0:  # (3.2), (4.6)
-            algorithm_2(
+            solved = solve(
                 *(read_only(A), read_only(d), read_only(lower), read_only(upper)),
-                *(frictions.row_id, S, I, eps0, mode),
+                *(read_only(frictions.row_id), S, I, eps0, mode),
             )
             mode |= WARM
             solves += 1
-            if I[COUNTS, STATUS] != SOLVED:
+            if not solved:
                 return 0, mode, solves
         x = S[X, :k]
         outcome(entries, pairs, x, b, d, D, h, alpha0, v, a)
         if redundant:
-            x, more = least_norm(A, lower, upper, x, C, arena, mode)
+            x, more = least_norm(A, lower, upper, x, C, arena, solve, mode)
             solves += more
         for j in range(N):
             lam_N[j] = x[frictions.normal_column[j]]
@@ -181,6 +180,7 @@ def impulse_passes(
     most,
     tolerance,
     arena,
+    solve,
     S,
     I,
     accuracy,
@@ -197,7 +197,7 @@ def impulse_passes(
     dense_columns(*layout, D, qp[0])
     passes, _, solves = friction_passes(
         *(frictions, D, F, columns, layout, tangents, np.full(count, inf), v, 1.0, 1.0),
-        *((most, tolerance, accuracy, True), qp, (S, I, accuracy, mode)),
+        *((most, tolerance, accuracy, True), qp, (solve, S, I, accuracy, mode)),
         *((after, a, lam_N, lam_F, bound), arena),
     )
     return passes > 0, after, lam_N, lam_F, solves

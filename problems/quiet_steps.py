@@ -16,6 +16,8 @@ import numpy as np
 import problems.multistep as multistep
 from problems.active_kernels import Frictions, qp_columns, without
 from problems.arena import numbers, table, zeros
+from problems.compiled import kernel, lent, read_only
+from problems.compiled_passes import friction_passes, qp_room
 from problems.contact_kernels import (
     clearances,
     column_speeds,
@@ -36,7 +38,7 @@ from problems.friction_kernels import (
     spring_loads,
 )
 from problems.multistep import REDONE, SHORTEST_STEP, STOP_TRIALS
-from problems.quiet import (
+from problems.quiet_records import (
     A_BEFORE,
     AGAIN,
     CHANGED,
@@ -85,8 +87,6 @@ from problems.step_kernels import (
     ways,
     weighted_norm,
 )
-from solvers.active_set.compiled import kernel, lent, read_only
-from solvers.active_set.passes import friction_passes, qp_room
 
 second_order_bdf = kernel(multistep.second_order_bdf)
 first_order_step = kernel(multistep.first_order_step)
@@ -248,7 +248,7 @@ def let_slip(run, contacts, leaving, slip):
 
 
 @kernel
-def steady_steps(run, contacts, frictions, leaving, S, I, eps0, mode):
+def steady_steps(run, contacts, frictions, leaving, solve, S, I, eps0, mode):
     """Take steps with the same contacts; `mode` for the next QP.
 
     frictions : the columns of `contacts`;  leaving : zeros (N,), to be told which contacts separate
@@ -399,7 +399,7 @@ def steady_steps(run, contacts, frictions, leaving, S, I, eps0, mode):
             alpha0,
             (counts[MOST_PASSES], 0.1 * reals[EPS], run.eps0, False),
             qp,
-            (S, I, eps0, mode),
+            (solve, S, I, eps0, mode),
             (v, a, lam_N, lam_F, bound),
             arena,
         )
@@ -482,11 +482,11 @@ def steady_steps(run, contacts, frictions, leaving, S, I, eps0, mode):
 
 
 @kernel
-def quiet_steps(run, S, I, eps0, mode):
+def quiet_steps(run, solve, S, I, eps0, mode):
     """Take steps until something happens or `track` is full; `counts[TAKEN]` of them.
 
-    run : `problems.quiet.QuietSteps`, whose arrays are updated;  S, I, eps0, mode : see
-        `algorithm_2`
+    run : `problems.quiet.QuietSteps`, whose arrays are updated
+    solve, S, I, eps0, mode : see `problems.qp_kernel`
     """
     run = lent(run)
     contacts = run.contacts
@@ -498,7 +498,7 @@ def quiet_steps(run, S, I, eps0, mode):
         rubs = contacts.friction_of, contacts.first, contacts.mu, contacts.signs
         frictions = Frictions(*rubs, read_only(columns[0]), *columns[1:])
         leaving = np.zeros(contacts.place.shape[0], np.bool_)
-        mode = steady_steps(run, contacts, frictions, leaving, S, I, eps0, mode)
+        mode = steady_steps(run, contacts, frictions, leaving, solve, S, I, eps0, mode)
         if run.counts[ENDED] != CHANGED:
             break
         if leaving.any():
