@@ -178,7 +178,12 @@ def _scene(label: str) -> Scene:
 
 
 def check_recording(path: str | Path) -> Iterator[Finding]:
-    """Questions to a recording's file."""
+    """Questions to a recording's file.
+
+    Raises FileNotFoundError or IsADirectoryError where there is none.
+    """
+    with open(path, "rb"):
+        pass
     try:
         made = read_recording(path)
     except RecordingError as error:

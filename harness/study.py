@@ -95,14 +95,16 @@ def parse_label(label: str) -> tuple[str, dict[str, Any]]:
 def parse_settings(pairs: Sequence[str]) -> dict[str, Any]:
     """{name: value} of "name=value" strings; values become bool, int or float where they can.
 
-    Raises ValueError for a string without "=".
+    Raises ValueError for a string without "=", or a name that comes twice.
     """
     values: dict[str, Any] = {}
     for pair in pairs:
-        name, equals, text = pair.partition("=")
+        name, equals, text = (part.strip() for part in pair.partition("="))
         if not (equals and name and text):
             raise ValueError(f"{pair!r} is no setting; write name=value, such as mu_I=0.8")
-        values[name.strip()] = _value(text.strip())
+        if name in values:
+            raise ValueError(f"{name} is given twice, {values[name]} and {text}; give it once")
+        values[name] = _value(text)
     return values
 
 

@@ -11,9 +11,10 @@ import numpy as np
 
 from problems.contacts import HalfPlane
 from problems.random_scenes import random_polygons, scene_generator
-from problems.scenes.scene import Scene
+from problems.scenes.scene import MOST_CORNERS, MOST_POLYGONS, Scene, at_most
 
 
+@at_most(bodies=MOST_POLYGONS, corners=MOST_CORNERS)
 def rain(
     bodies: int = 12,
     corners: int = 0,

@@ -19,7 +19,7 @@ on settling.  ``speed=0`` starts from rest.  Under a load that grows with the de
 bricks stop within microseconds, one after the other: a wall or pyramid with friction gets beyond
 them with a fixed step and ``stops="held"``.
 
-The same parameters give the same scene on every machine.
+The same parameters give the same scene on every machine, to the rounding of its sines and cosines.
 """
 
 from __future__ import annotations
@@ -31,9 +31,10 @@ from problems.contacts import HalfPlane
 from problems.deposition import heap_positions
 from problems.qp import Indices, Vector
 from problems.random_scenes import random_polygons, scene_generator
-from problems.scenes.scene import Scene
+from problems.scenes.scene import MOST_BODIES, MOST_CORNERS, MOST_POLYGONS, Scene, at_most
 
 
+@at_most(bodies=MOST_BODIES)
 def tower(
     bodies: int = 20,
     width: float = 1.5,
@@ -82,6 +83,7 @@ def tower(
     )
 
 
+@at_most(bodies=MOST_BODIES, row=MOST_BODIES)
 def wall(
     bodies: int = 50,
     row: int = 0,
@@ -133,6 +135,7 @@ def wall(
     )
 
 
+@at_most(bodies=MOST_BODIES)
 def pyramid(
     bodies: int = 55,
     width: float = 2.0,
@@ -178,6 +181,7 @@ def pyramid(
     )
 
 
+@at_most(bodies=MOST_POLYGONS, corners=MOST_CORNERS)
 def heap(
     bodies: int = 30,
     corners: int = 0,

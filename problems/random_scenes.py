@@ -1,6 +1,6 @@
 """What scenes that are drawn at random share: the generator, and convex polygons of many sizes.
 
-The same parameters give the same scene on every machine.
+The same parameters give the same scene on every machine, to the rounding of its sines and cosines.
 """
 
 from __future__ import annotations

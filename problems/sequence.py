@@ -13,12 +13,15 @@ from __future__ import annotations
 
 import traceback
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from problems.qp import ContactQP, Solution, Status
 from problems.qp_kernel import CompiledMethod
+
+if TYPE_CHECKING:
+    from problems.run import Run
 
 WARM_KINDS = ("step", "iteration", "corrector")
 """Kinds of QP that end a step; they follow one another smoothly enough for a warm start."""
@@ -31,7 +34,12 @@ class SolvesQPs(Protocol):
 
 
 class SimulationError(RuntimeError):
-    """A simulation that cannot go on; the message says when, where and what to try."""
+    """A simulation that cannot go on; the message says when, where and what to try.
+
+    run : the motion until then, see `problems.simulate`
+    """
+
+    run: Run | None = None
 
 
 class QPSequence:

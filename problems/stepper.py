@@ -103,7 +103,8 @@ def simulate(
     progress : called with t after every accepted step, or after some at once
 
     Raises ValueError for bad settings or bodies that overlap at the start, see `Stepper.start`,
-    `SimulationError` where the simulation cannot go on.
+    `SimulationError` where the simulation cannot go on.  Whatever ends it early, Ctrl-C too, has
+    the motion until then as its `run`.
     """
     options = StepperOptions.of(
         scene.eps if eps is None else eps,
@@ -121,13 +122,19 @@ def simulate(
     )
     end = scene.end_time if until is None else float(until)
     if not (np.isfinite(end) and end > 0):
-        raise ValueError(f"until = {until!r}; it must be a positive time")
+        name = "end_time" if until is None else "until"
+        raise ValueError(f"{name} = {end!r}; it must be a positive time")
     stepper = Stepper(scene, solver, options, keep_qps)
-    stepper.start()
-    while stepper.t < end - SHORTEST_STEP and not stepper.at_rest:
-        stepper.advance(end)
-        if progress is not None:
-            progress(stepper.t)
+    try:
+        stepper.start()
+        while stepper.t < end - SHORTEST_STEP and not stepper.at_rest:
+            stepper.advance(end)
+            if progress is not None:
+                progress(stepper.t)
+    except BaseException as error:
+        if stepper.stretches:
+            error.run = stepper.finish()  # type: ignore[attr-defined]
+        raise
     return stepper.finish()
 
 

@@ -23,6 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from problems.qp import (
+    AT_LOWER,
+    AT_UPPER,
     FREE,
     ContactQP,
     Solution,
@@ -47,7 +49,7 @@ class Start(NamedTuple):
     """An earlier solution, mapped by `row_id` onto the rows of today's QP.
 
     x : (k,) old x clipped to today's bounds; new rows start at 0, clipped likewise
-    working_set : (k,) int8, FREE for new rows
+    working_set : (k,) int8, FREE for new rows and where the bound that was reached is no longer
     previous : (k,) int64, position of each row in the old QP or −1
     memory : what the solver left in `Solution.memory`
     """
@@ -86,6 +88,8 @@ def carry_over(start: Solution, qp: ContactQP) -> Start:
     x[known] = start.x[previous[known]]
     members = np.full(qp.k, FREE, dtype=np.int8)
     members[known] = start.working_set[previous[known]]
+    members[(members == AT_LOWER) & ~np.isfinite(qp.lower)] = FREE
+    members[(members == AT_UPPER) & ~np.isfinite(qp.upper)] = FREE
     return Start(np.clip(x, qp.lower, qp.upper), members, previous, start.memory)
 
 

@@ -152,6 +152,51 @@ def test_warm_equals_cold_along_a_sequence(name: str, seed: int):
         assert start.row_id is qp.row_id or np.array_equal(start.row_id, qp.row_id)
 
 
+@pytest.mark.parametrize("form", ["normal", "residual", "velocity"])
+@pytest.mark.parametrize("kind", ["fan", "weak_rows"])
+def test_rounding_is_no_way_down_for_daqp(form: str, kind: str):
+    """Where x is large beside A x, proximal steps are rounding long before they are tiny."""
+    for seed in range(300 if kind == "fan" else 60):
+        qp = fan(seed) if kind == "fan" else weak_rows(seed)
+        solution = make_solver(f"{installed('daqp')}[{form}]", accuracy=1e-12).solve(qp)
+        if solution.x is None and kind == "weak_rows" and form == "velocity":
+            assert solution.status is Status.FAILED  # dependent equations, which DAQP may refuse
+            continue
+        assert solution.status is Status.SOLVED, (seed, solution.status_text)
+        assert solution.iterations < 1000
+        exact = make_solver("lotstedt", accuracy=1e-12).solve(qp)
+        assert_kkt(qp, exact.x, 1e-9)
+        assert_same_force(qp, solution.x, qp.A @ exact.x, 1e-9 if kind == "fan" else 1e-8)
+
+
+def fan(seed: int) -> ContactQP:
+    """Many columns in a half-plane, of which two, opposite ones, just reach beyond its edge."""
+    A = np.random.default_rng(seed).standard_normal((2, 12))
+    A[1] = -np.abs(A[1])
+    A[1, 0] = 0.02
+    A[:, 1] = -1.3 * A[:, 0]
+    return ContactQP(A, np.array([0.0, -1.0]), np.zeros(12), np.full(12, np.inf))
+
+
+def weak_rows(seed: int) -> ContactQP:
+    """Dependent columns that differ by 1e-3 of their length only, in the direction of d."""
+    rng = np.random.default_rng(seed)
+    A = np.vstack([np.ones((1, 8)), 1e-3 * rng.standard_normal((3, 8))])
+    d = np.concatenate([[0.0], rng.standard_normal(3)])
+    return ContactQP(A, d, np.full(8, -np.inf), np.full(8, np.inf))
+
+
+def test_a_bound_that_was_reached_may_be_gone(name: str):
+    """As where a force of known size is unknown again: |x| ≤ b was active, now x is free."""
+    for qp, _ in cases("two_sided"):
+        before = ask(name, qp).solve(qp)
+        freed = replace(qp, lower=np.full(qp.k, -np.inf), upper=np.full(qp.k, np.inf))
+        with suppress(Unsupported):
+            solution = ask(name, freed).solve(freed, before)
+            cold = ask("velocity", freed).solve(freed)
+            assert_same_force(freed, solution.x, freed.A @ cold.x, tolerance(name))
+
+
 @pytest.mark.parametrize("name", ["lotstedt", "velocity", "daqp", "enumeration"])
 def test_a_warm_start_from_the_answer_costs_least(name: str):
     for kind in ("full_rank", "two_sided", "contact_small"):

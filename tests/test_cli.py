@@ -27,7 +27,7 @@ from harness.cli.app import told
 from harness.expected_misses import Expected
 from harness.recording import read_recording, write_recording
 from harness.store import read_results
-from solvers import registry
+from solvers import make_solver, registry
 from tests.crooked import CROOKED
 from tests.fake_recordings import fake_recording
 
@@ -120,6 +120,74 @@ def test_simulate_writes_its_files(tmp_path: Path) -> None:
     assert list(events) == ["t", "kind", "detail"] and "impulse" in set(events["kind"])
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        *("record fig3", "growth tower", "closed-loop fig3", "convergence fig3", "stability"),
+        *("painleve", "peers", "study", "report {results}", "criterion {fig3}", "stretch {fig3}"),
+        *("replay {fig3}", "verify {fig3}"),
+    ],
+)
+def test_an_output_that_is_no_folder_is_refused_before_the_work(
+    command: str, fig3: Path, tmp_path: Path
+) -> None:
+    taken = tmp_path / "taken"
+    taken.write_text("a file")
+    words = command.format(fig3=fig3, results=tmp_path).split()
+    assert_told(glambda(*words, "-o" if words[0] != "study" else "--results", taken / "deep"))
+    assert taken.read_text() == "a file"
+
+
+class Tired:
+    """The paper's method, which ends after t = 0.5 s: it gives up, or somebody presses Ctrl-C."""
+
+    def __init__(self, end: BaseException):
+        self.end, self.inner = end, make_solver("lotstedt")
+
+    def solve(self, qp: Any, start: Any = None) -> Any:
+        if qp.t > 0.5:
+            raise self.end
+        return self.inner.solve(qp, start)
+
+
+@pytest.mark.parametrize("command", ["simulate", "record", "check scene"])
+@pytest.mark.parametrize(
+    "large",
+    [
+        *("fig2,boxes=1000000000", "fig4,boxes=1e9", "tower,bodies=1000000000"),
+        *("wall,bodies=1000000000", "wall,row=1000000000", "pyramid,bodies=1000000000"),
+        *("heap,bodies=1000000000", "heap,corners=1000000000", "rain,bodies=1000000000"),
+    ],
+)
+def test_a_scene_too_large_is_refused_before_it_is_made(command: str, large: str) -> None:
+    name, _, parameter = large.partition(",")
+    words = (f"scene {name!r}: {parameter.split('=')[0]} = 1000000000", "at most")
+    assert_told(glambda(*command.split(), large), *words)
+
+
+@pytest.mark.parametrize(
+    ("end", "code", "words"),
+    [
+        (ArithmeticError("no more"), 1, "ArithmeticError: no more"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+    ],
+)
+def test_a_run_that_ends_early_writes_what_it_has(
+    end: BaseException, code: int, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("solvers.make_solver", lambda name: Tired(end))
+    table, picture = tmp_path / "motion.csv", tmp_path / "motion.png"
+    result = glambda("simulate", "fig3", "--trajectory", table, "--plot", picture)
+    assert result.exit_code == code, result.output
+    (line,) = result.stderr.strip().splitlines()
+    assert words in line and f"the motion until then is in {table}" in line
+    assert 0.4 < pd.read_csv(table)["t"].max() <= 0.5
+    assert list(pd.read_csv(table.with_suffix(".events.csv"))) == ["t", "kind", "detail"]
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    result = glambda("simulate", "fig3")
+    assert result.exit_code == code and "is kept by --trajectory" in result.stderr
+
+
 def test_simulate_draws(tmp_path: Path) -> None:
     picture = tmp_path / "fig3.png"
     result = glambda("simulate", "fig3", "--until", 0.3, "--plot", picture)
@@ -181,6 +249,10 @@ def test_replay_refuses_to_mix(fig3: Path, tmp_path: Path) -> None:
         (("simulate", "fig3", "--set", "mass=1"), ("no parameter 'mass'", "stiffness")),
         (("simulate", "fig3", "--set", "mu"), ("'mu' is no setting", "name=value")),
         (("simulate", "fig3", "--solver", "magic"), ("unknown solver 'magic'", "daqp")),
+        (("simulate", "fig3", "--set", "end_time=0"), ("end_time = 0.0", "positive")),
+        (("simulate", "fig3,mu=1,mu=2"), ("mu is given twice, 1 and 2",)),
+        (("check", "recording", "absent.h5"), ("absent.h5", "name another file")),
+        (("check", "recording", "."), (".: Is a directory", "name another file")),
         (("simulate", "fig3", "--until", "-1"), ("until",)),
         (("simulate", "fig3", "--plot", "x.doc"), ("--plot x.doc", ".png")),
         (("simulate", "fig3", "--plot", "folder.png"), ("--plot folder.png", "cannot be written")),

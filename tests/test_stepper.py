@@ -397,6 +397,42 @@ def test_a_mute_solver_ends_the_simulation_with_a_reason():
         simulate(one_box(), Mute())
 
 
+class Mortal:
+    """Solves as it should until t = 0.1 s, and then ends in its own way."""
+
+    def __init__(self, end):
+        self.end, self.inner = end, lotstedt()
+
+    def solve(self, qp, start=None):
+        if qp.t > 0.1:
+            raise self.end
+        return self.inner.solve(qp, start)
+
+
+@pytest.mark.parametrize("keep", [True, False])
+def test_a_run_that_ends_early_keeps_its_motion(keep):
+    whole = simulate(one_box(y=0.7), lotstedt(), until=0.3)
+    for end, seen in (
+        (ValueError("tired"), SimulationError),
+        (KeyboardInterrupt(), KeyboardInterrupt),
+    ):
+        with pytest.raises(seen) as told:
+            simulate(one_box(y=0.7), Mortal(end), until=0.3, keep_qps=keep)
+        run, n = told.value.run, len(told.value.run.t)
+        assert 0 < n < len(whole.t) and 0.05 < run.t[-1] < 0.11
+        np.testing.assert_array_equal(run.q, whole.q[:n])
+        assert run.event_log == whole.event_log[: len(run.event_log)]
+        assert run.counts["steps"] == n - 1 - run.counts["impulses"]
+        assert len(run.trajectory) == n
+        assert all(qp.t <= 0.1 for qp in run.qps) and bool(run.qps) == keep
+
+
+def test_what_cannot_begin_has_no_motion():
+    with pytest.raises(ValueError, match="overlap") as told:
+        simulate(one_box(y=0.1), lotstedt())
+    assert not hasattr(told.value, "run")
+
+
 class Broken:
     """Answers every QP in the same wrong way."""
 

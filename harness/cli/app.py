@@ -96,6 +96,7 @@ def told(command: Command) -> Command:
     @functools.wraps(command)
     def run(*arguments: Any, **options: Any) -> Any:
         try:
+            _check_folder(options.get("output", options.get("results")))
             return command(*arguments, **options)
         except ImportError as error:
             _give_up(error, 2, f"{error}; install its package, or choose another solver or scene")
@@ -104,19 +105,33 @@ def told(command: Command) -> Command:
             _give_up(error, 2, f"{what}; name another file or folder")
         except ValueError as error:
             _give_up(error, 2)
+        except MemoryError as error:
+            _give_up(
+                error, 2, f"not enough memory ({error}); take fewer bodies or a shorter motion"
+            )
         except RuntimeError as error:  # the simulation, or the processes of a replay, did not go on
             if type(error).__name__ not in ("SimulationError", "IsolationError"):
                 raise
             _give_up(error, 1)
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as stopped:
             resumed = command.__name__ in RESUMED and options.get("output", ...) is not None
             kept = resumed or command.__name__ in WRITES_EACH
             said = "; what was finished is kept" if kept else ""
             said += ": the same command continues" if resumed else ""
+            said += "".join(f"; {word}" for word in stopped.args)
             typer.echo(f"\ninterrupted{said}", err=True)
             raise typer.Exit(130) from None
 
     return run  # type: ignore[return-value]
+
+
+def _check_folder(path: Path | None) -> None:
+    """Refuse an output folder before the work and not after it."""
+    if path is None:
+        return
+    there = next(place for place in (path, *path.absolute().parents) if place.exists())
+    if not (there.is_dir() and os.access(there, os.W_OK | os.X_OK)):
+        raise ValueError(f"-o {path}: {there} is no folder to write in; name another one")
 
 
 def _give_up(error: Exception, code: int, message: str = "") -> None:

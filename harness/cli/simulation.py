@@ -26,6 +26,7 @@ from harness.cli.app import (
 
 if TYPE_CHECKING:
     from harness.recording import Recording
+    from problems import Run
 
 
 @app.command()
@@ -60,6 +61,7 @@ def simulate(
     from harness.study import parse_label, parse_settings
     from problems import scene as make_scene
     from problems import simulate as run_scene
+    from problems.sequence import SimulationError
     from solvers import make_solver
 
     table = output_file(trajectory, (".csv",), "--trajectory")
@@ -69,25 +71,42 @@ def simulate(
     with shown(f"make {scene}", terminal(err=True)):  # a large heap takes half a minute
         made = make_scene(name, **{**parameters, **parse_settings(settings or [])})
     end = made.end_time if until is None else until
-    with shown(f"simulate {made.label}", terminal(err=True)) as tell:
-        run = run_scene(
-            made,
-            make_solver(solver),
-            eps=eps,
-            until=until,
-            fixed_step=fixed_step,
-            stops=stops,
-            friction=friction,
-            impulses=impulses,
-            drop_tol=drop_tol,
-            **_stabilization(drift, drift_time),
-            keep_qps=False,
-            progress=lambda t: tell(f"t = {t:.3f} s", t, end),
-        )
+    early: BaseException | None = None
+    try:
+        with shown(f"simulate {made.label}", terminal(err=True)) as tell:
+            run = run_scene(
+                made,
+                make_solver(solver),
+                eps=eps,
+                until=until,
+                fixed_step=fixed_step,
+                stops=stops,
+                friction=friction,
+                impulses=impulses,
+                drop_tol=drop_tol,
+                **_stabilization(drift, drift_time),
+                keep_qps=False,
+                progress=lambda t: tell(f"t = {t:.3f} s", t, end),
+            )
+    except (SimulationError, KeyboardInterrupt) as error:
+        if getattr(error, "run", None) is None:
+            raise
+        early, run = error, error.run  # type: ignore
     print_run(terminal(), run)
+    written = _write(run, table, picture, film)
+    if early is not None:
+        files = f" is in {', '.join(map(str, written))}" if written else " is kept by --trajectory"
+        raise type(early)("; ".join([*map(str, early.args), f"the motion until then{files}"]))
+
+
+def _write(run: Run, table: Path | None, picture: Path | None, film: Path | None) -> list[Path]:
+    """What of a run was asked for, and where it is."""
+    written = [path for path in (table, picture, film) if path is not None]
     if table is not None:
+        events = table.with_suffix(".events.csv")
         run.trajectory.to_csv(table, index=False)
-        run.events.to_csv(table.with_suffix(".events.csv"), index=False)
+        run.events.to_csv(events, index=False)
+        written.insert(1, events)
     if picture is not None:
         from reports.figures import plot_scene
 
@@ -96,6 +115,7 @@ def simulate(
         from reports.figures import animate_scene
 
         animate_scene(run, film)
+    return written
 
 
 @app.command()
@@ -122,7 +142,7 @@ def record(
     """Simulate scenes by the paper's method and keep every QP, with a reference answer.
 
     One HDF5 file each, named by the scene and what differs from its defaults; the same command
-    makes the same bytes. A recording of the scene with other QPs (another --until or --eps, other
+    makes the same bytes on one type of processor. A recording of the scene with other QPs (another --until or --eps, other
     code) is not replaced unless told so.
 
     Example:  glambda record fig4 --set mu_I=0.8 -o recordings

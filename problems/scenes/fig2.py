@@ -3,9 +3,10 @@
 import numpy as np
 
 from problems.bodies import box
-from problems.scenes.scene import Scene
+from problems.scenes.scene import MOST_BODIES, Scene, at_most
 
 
+@at_most(boxes=MOST_BODIES)
 def fig2(
     boxes: int = 5,
     width: float = 1.5,

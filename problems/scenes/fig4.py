@@ -4,9 +4,10 @@ import numpy as np
 
 from problems.bodies import box
 from problems.forces import Impulse
-from problems.scenes.scene import Scene
+from problems.scenes.scene import MOST_BODIES, Scene, at_most
 
 
+@at_most(boxes=MOST_BODIES)
 def fig4(
     boxes: int = 3,
     width: float = 1.0,

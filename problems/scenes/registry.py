@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 from importlib import metadata
@@ -68,15 +68,19 @@ def scene(name: str, **parameters: Any) -> Scene:
     """Make the scene called `name`; parameters left out have their defaults,
     which are the paper's values in the paper's scenes.
 
-    Raises ValueError for an unknown scene or parameter, or a value of the wrong kind.
+    Raises ValueError for an unknown scene or parameter, or a value of the wrong kind or beyond what
+    the scene declares with `at_most`.
     """
     _, defaults = describe_scene(name)
+    limits: Mapping[str, float] = getattr(_maker(name), "at_most", {})
     for key, value in parameters.items():
         if key not in defaults:
             raise ValueError(
                 f"scene {name!r} has no parameter {key!r}; it has: {', '.join(defaults)}"
             )
         parameters[key] = _like(value, defaults[key], f"scene {name!r}: {key}")
+        if parameters[key] > limits.get(key, math.inf):
+            raise ValueError(f"scene {name!r}: {key} = {value}; it may be {limits[key]} at most")
     made = _maker(name)(**parameters)
     if not isinstance(made, Scene):
         raise ValueError(f"scene {name!r} made a {type(made).__name__}, not a problems.Scene")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -12,6 +13,26 @@ from problems.checks import check_body
 from problems.contacts import HalfPlane
 from problems.forces import Force, Gravity, Impulse
 from problems.qp import Vector
+
+MOST_BODIES = 20_000
+"""Of bricks and boxes: so many have been stepped in less than a gigabyte."""
+MOST_POLYGONS, MOST_CORNERS = 5_000, 100
+"""Of polygons, which touch any of their neighbours, and of the corners of each."""
+
+Maker = TypeVar("Maker", bound=Callable[..., Any])
+
+
+def at_most(**limits: float) -> Callable[[Maker], Maker]:
+    """Declare the largest values of parameters of a scene, by name: those that cost memory.
+
+    `problems.scene` refuses larger ones before it calls the function that is decorated.
+    """
+
+    def declare(maker: Maker) -> Maker:
+        maker.at_most = limits  # type: ignore[attr-defined]
+        return maker
+
+    return declare
 
 
 @dataclass(frozen=True, eq=False)

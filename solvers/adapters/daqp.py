@@ -5,17 +5,22 @@ bounds, or in any other of `programs`.  DAQP wants a definite P; where it is sin
 proximal iterations of its own, x_{j+1} = argmin of the QP + ½ε‖x − x_j‖², which end at a solution
 of the QP itself.
 
-Accuracy: `primal_tol` and `dual_tol` are the residual that `asked` allows, not below 1e-14.  The
-proximal iterations end at a step of 1e-14, `eta_prox`: a few per cent more iterations than with a
-loose one, for four more digits.  Beyond 30 unknowns that is below the rounding of x, and now and
-then they went on for ever; 1e-13 n is enough there.  In a sequence one `daqp.Model` is updated in
-place and keeps its working set; where rows came or went a new one is given the old working set.
+Accuracy: `primal_tol` and `dual_tol` are the residual that `asked` allows, and the proximal
+iterations end at a step of `eta_prox` / ε, which is a residual of `eta_prox`; none is below
+`last_step`.  So small a last step costs a few per cent more iterations than a loose one, and gives
+four more digits.  Where x is large even that is below the rounding of P x.  DAQP then goes on for
+ever, or takes a step that is rounding alone for a direction without a bottom ("unbounded", which no
+QP here is); so `run` goes on from there with the last step of that x, which as a rule takes one
+iteration.
+
+In a sequence one `daqp.Model` is updated in place and keeps its working set; where rows came or
+went a new one is given the old working set.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import daqp
 import numpy as np
@@ -27,6 +32,18 @@ from solvers.adapters.programs import Program, ProgramSolver
 from solvers.base import Start
 
 _ACTIVE, _LOWER, _EQUATION = 1, 2, 5  # bits of DAQP's `sense`
+_STALLED = (-3, -4)  # unbounded, out of iterations
+
+
+class _Held(NamedTuple):
+    """What a model was set up with.
+
+    kind : the shape of its rows and which bounds are finite; of another kind it is made anew
+    flag : DAQP's, negative where it refused
+    """
+
+    kind: tuple[tuple[int, ...], bytes, bytes]
+    flag: int
 
 
 @dataclass(frozen=True)
@@ -63,31 +80,43 @@ class DAQP(ProgramSolver):
         built, asked = super().build(qp, start), self.asked(qp)
         settings: dict[str, float] = {"iter_limit": self.max_iterations}
         if asked is not None:
-            tolerance = built.posed.residual_tolerance(asked, 1e-14)
-            step = last_step(built.posed)
+            n, step = built.posed.n, last_step(built.posed.n)
+            tolerance = built.posed.residual_tolerance(asked, step)
             settings |= {"primal_tol": tolerance, "dual_tol": tolerance, "eta_prox": step}
+            settings["iter_limit"] = min(self.max_iterations, 100 + 10 * n)
         return built._replace(arrays=(settings, built.arrays))
 
     def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
         """Update the model of the previous solve, or make one that knows its working set."""
         posed, (settings, arrays), carried, _, _ = problem
         P, q, rows, upper, lower, sense = arrays
-        if carried is None or carried.native.arrays != rows.shape:
+        kind = rows.shape, np.isfinite(posed.lower).tobytes(), np.isfinite(posed.upper).tobytes()
+        if carried is None or carried.native.arrays.kind != kind:
             model = daqp.Model()
             model.settings = settings
-            model.setup(*arrays)
-            return Native(posed, model, rows.shape)
+            flag, _ = model.setup(*arrays)
+            return Native(posed, model, _Held(kind, flag))
         model = carried.native.object
         model.settings = settings
         more = {"A": rows} if rows.size else {}
         if carried.duals is None:  # the model's working set is another than the start's
             more["sense"] = sense
-        model.update(H=P, f=q, bupper=upper, blower=lower, **more)
-        return Native(posed, model, rows.shape)
+        flag = model.update(H=P, f=q, bupper=upper, blower=lower, **more)
+        return Native(posed, model, _Held(kind, flag))
 
     def run(self, native: Native) -> Any:
-        """`daqp.Model.solve`."""
-        return native.object.solve()
+        """`daqp.Model.solve`, and on from where its steps are rounding."""
+        model = native.object
+        if native.arrays.flag < 0:
+            return None, np.nan, native.arrays.flag, {"iterations": 0, "lam": None}
+        x, value, flag, info = model.solve()
+        left = self.max_iterations - info["iterations"]
+        if flag in _STALLED and left > 0 and model.settings["eta_prox"] > 0:
+            step = last_step(native.posed.n, float(np.abs(x).max()))
+            model.settings = {"iter_limit": left, "eta_prox": step}
+            x, value, flag, more = model.solve()
+            info = {**more, "iterations": info["iterations"] + more["iterations"]}
+        return x, value, flag, info
 
     def outcome(self, native: Native, result: Any) -> Outcome:
         """DAQP's exit flag and iterations."""

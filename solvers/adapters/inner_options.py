@@ -11,15 +11,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from solvers.adapters.forms import MANY, Posed
+from solvers.adapters.forms import Posed
 
 NEVER = 1e-14
 """OSQP's and ProxQP's bound for certificates of infeasibility: no QP here is infeasible."""
 
 
-def last_step(posed: Posed) -> float:
-    """The proximal step of DAQP that is the last one."""
-    return 1e-13 * posed.n if posed.n > MANY else 1e-14
+def last_step(n: int, size: float = 0.0) -> float:
+    """The proximal step of DAQP that is the last one, for n unknowns x of that `size`.
+
+    The step is a residual, P x + q + λ.  P has entries up to 4, so that 4 n u `size` is what
+    rounding makes of P x.  Never looser than DAQP's own, 1e-6.
+    """
+    return min(1e-15 * n * max(100.0, size), 1e-6)
 
 
 OPTIONS: dict[str, Callable[[Posed, float, float], dict[str, Any]]] = {
@@ -52,7 +56,7 @@ OPTIONS: dict[str, Callable[[Posed, float, float], dict[str, Any]]] = {
     "daqp": lambda posed, residual, gap: {
         "primal_tol": residual,
         "dual_tol": residual,
-        "eta_prox": last_step(posed),
+        "eta_prox": last_step(posed.n),
     },
     "highs": lambda posed, residual, gap: {},
     "quadprog": lambda posed, residual, gap: {},
