@@ -16,8 +16,8 @@ import scipy.sparse as sp
 
 from benchmarks.forged_recordings import forge
 from harness.recording import Recording, RecordingError, read_recording, write_recording
-from harness.recording_file import sealed
 from harness.recording_layout import FIELDS
+from harness.seal import sealed
 from tests.fake_recordings import fake_recording
 
 
@@ -163,7 +163,7 @@ def test_absent_foreign_and_empty_files(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "other.h5", "w") as raw:
         raw["x"] = [1.0]
     assert "foreign or of an older version" in refusal(tmp_path / "other.h5")
-    assert "no such file" in refusal(tmp_path)
+    assert "is no file, but a folder" in refusal(tmp_path)
 
 
 def test_other_version(file: Path) -> None:
