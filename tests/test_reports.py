@@ -754,7 +754,7 @@ def test_campaigns_have_their_commands():
     made = replace(results_of(study), campaigns=prepare(campaigns.drop_duplicates(KEY)))
     text = reproduce(made)
     assert "glambda stretch recordings/fig4.h5 --condition 1e4" in text
-    assert "glambda replay 'recordings/fig2.h5' --solvers 'lotstedt,osqp'" in text
+    assert "glambda replay recordings/fig2.h5 --solvers lotstedt,osqp" in text
     assert "--settings paper --arms exact -o results" in text
     assert "--settings 1e-6 --arms cold,warm -o results" in text
 
