@@ -78,8 +78,9 @@ def intact(file: BinaryIO) -> bool:
 def _place_in(file: BinaryIO) -> _Place | None:
     size = file.seek(0, os.SEEK_END)
     file.seek(0)
-    before = _BLOCK.fullmatch(file.read(BLOCK))
-    if before is not None:
+    head = file.read(BLOCK)
+    before = _BLOCK.fullmatch(head)
+    if before is not None and len(head) == BLOCK:
         return _Place(before.start(1), BLOCK)
     start = file.seek(max(0, size - TAIL))
     at = file.read(TAIL).rfind(SEAL)
