@@ -7,7 +7,7 @@ metadata holds its `ShardKey` as JSON.
 The file is written and read as `harness.sealed_parquet` says, with times in plain, so that each row
 takes `ROW_BYTES` bytes or more.  Of the key are looked at the fields and their types, and whether
 the file has its name; of the table, once it is read, the length of texts, the columns that repeat
-the key, and those that sum up the passes.
+the key, those that sum up the passes, and the values (`harness.shard_values`).
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from harness.sealed_parquet import (
     read_parquet,
     said_of_itself,
 )
+from harness.shard_values import check_key, check_rows, check_times
 
 FORMAT_VERSION = 3
 TIMES = ("build_time", "setup_time", "solve_time", "call_time", "pace")
@@ -205,6 +206,8 @@ def read_shard(path: Path) -> StoredShard:
     for name, column in summarise(passes).items():
         if not np.array_equal(rows[name].to_numpy(), column, equal_nan=True):
             raise wrong(f"column {name} contradicts the times of the passes")
+    check_rows(key.scene, rows, wrong)
+    check_times(passes, wrong)
     return StoredShard(key, rows, passes)
 
 
@@ -225,6 +228,7 @@ def _read_key(path: Path, file: pq.ParquetFile, wrong: Wrong) -> ShardKey:
     key = ShardKey(**stored)
     if path.stem != key.name:
         raise wrong(f"it is the shard {key.name[:200]!r} under another name")
+    check_key(key, wrong)
     return key
 
 

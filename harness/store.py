@@ -104,7 +104,7 @@ class Store:
         with self._written(self.folder):
             self._lock = lock_folder(self.folder, "study")
             for part in (".", "solves", "recordings"):
-                clear_leftovers(self.folder / part)
+                clear_leftovers(self._part(part))
         read_spent(self.folder)  # refused now, and not when there is something to add
 
     def add_recording(self, recording: Recording) -> Path:
@@ -189,6 +189,13 @@ class Store:
         total = {name: before.get(name, 0.0) + seconds.get(name, 0.0) for name in SPENT}
         with self._written(path):
             write_whole(path, sealed_json(total))
+
+    def _part(self, name: str) -> Path:
+        """A folder in this one, which may be missing."""
+        part = self.folder / name
+        if part.exists() and not part.is_dir():
+            raise StoreError(f"{part}: is no folder; move it away, or use another results folder")
+        return part
 
     def _path(self, key: ShardKey) -> Path:
         return self.folder / "solves" / f"{key.name}.parquet"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from typing import Any
@@ -21,6 +22,8 @@ RUN_OPTIONS = (
     *("drop_tol", "drift", "drift_time"),
 )
 """Options of `glambda record` about how a scene is run."""
+UNKNOWN = object()
+"""What an option is by default that this version does not know."""
 SLOW_PASS = 1.1
 """A pass that begins at more than this multiple of the median pace is counted as slow."""
 
@@ -260,18 +263,24 @@ def record_command(label: str, parameters: Mapping[str, Any]) -> str:
     how |= {name[4:]: value for name, value in parameters.items() if name.startswith("run.")}
     options = "".join(f" --set {shlex.quote(entry)}" for entry in chosen)
     usual = {
-        **asdict(StepperOptions.of(how.get("eps", 1.0))),
+        **asdict(StepperOptions.of(_positive(how.get("eps")))),
         "eps": parameters.get("eps"),
         "until": parameters.get("end_time"),
         "solver": how.get("solver"),
     }
-    unusual = {option: value for option, value in how.items() if value != usual[option]}
+    unusual = {name: value for name, value in how.items() if value != usual.get(name, UNKNOWN)}
     for option in [option for option in RUN_OPTIONS if option in unusual]:
         value = shlex.quote(_text(unusual.pop(option)))
         options += f" --{option.replace('_', '-')} {value}"
     more = ", ".join(f"{option}={_text(value)}" for option, value in unusual.items())
     in_python = f"  # from Python: {' '.join(more.split())}" if more else ""  # stays a comment
     return f"glambda record {shlex.quote(name)}{options} -o recordings{in_python}"
+
+
+def _positive(value: Any) -> float:
+    """A stranger's value, if it is a positive number; else 1."""
+    number = isinstance(value, (int, float)) and 0 < value <= sys.float_info.max
+    return float(value) if number else 1.0
 
 
 def _text(value: Any) -> str:
