@@ -12,8 +12,9 @@ import numpy as np
 from benchmarks.damage import SORTS, Random, damage
 from harness import recording as recordings
 from harness.recording import RecordingError, read_recording, write_recording
-from harness.recording_file import BLOCK, HEADER, sealed
+from harness.recording_file import HEADER
 from harness.recording_layout import FIELDS
+from harness.seal import BLOCK, sealed
 from tests.fake_recordings import fake_recording
 
 

@@ -14,11 +14,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from benchmarks.damage import SORTS, Random, damage
-from harness import shard_file
+from harness.seal import SEAL, UNSEALED, sealed
+from harness.sealed_parquet import METADATA
 from harness.shard_file import (
     COLUMNS,
     FROM_PASSES,
-    METADATA,
     TIMES,
     Shard,
     ShardKey,
@@ -64,7 +64,7 @@ class ShardTarget:
             content = SHARD_FORGERIES[what](rng, self.sound)
         else:
             what, content = damage(rng, self.sound)
-        self.path.write_bytes(content if sort == "damaged" else shard_file.sealed(content))
+        self.path.write_bytes(content if sort == "damaged" else sealed(content))
         return sort, what
 
     def read(self) -> bool:
@@ -88,7 +88,7 @@ def parquet(table: pa.Table, key: Any = None, **how: Any) -> bytes:
         sink, table.schema, **({**plain, "use_dictionary": kept} | how)
     ) as writer:
         writer.write_table(table)
-        writer.add_key_value_metadata({METADATA: text, "seal": shard_file.SEAL + b"0" * 64})
+        writer.add_key_value_metadata({METADATA: text, "seal": SEAL + UNSEALED})
     return sink.getvalue()
 
 

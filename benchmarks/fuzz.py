@@ -4,7 +4,7 @@
     python benchmarks/fuzz.py --files 200          fewer
     python benchmarks/fuzz.py --kind shard --from 1234 --files 1      one of them again
 
-1. A small recording and a shard of results are made.
+1. A small recording, a shard of results and a closed loop are made.
 2. File number i is a change of it that is drawn from the seed i:
    - *damaged*: cut short, bits or bytes changed, a stretch overwritten, copied or left out;
    - *forged*: well-formed, with a wrong type, shape, size, link, filter, text or value, and with a
@@ -39,6 +39,7 @@ ROOT = Path(__file__).resolve().parents[1]
 KINDS = {
     "recording": ("benchmarks.forged_recordings", "RecordingTarget"),
     "shard": ("benchmarks.forged_shards", "ShardTarget"),
+    "loop": ("benchmarks.forged_loops", "LoopTarget"),
 }
 """What keeps a sound file at `path`: `change(i)` puts the i-th change of it there, and says of what
 sort it is and what it is; `read()` reads it, and says whether it holds what the sound file held."""

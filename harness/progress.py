@@ -22,19 +22,18 @@ def shown(title: str, console: Console) -> Iterator[Tell]:
         yield _Lines(title, console)
         return
     columns = (
-        TextColumn("{task.fields[title]}"),
+        TextColumn("{task.fields[title]}", markup=False),
         BarColumn(),
         TextColumn("{task.percentage:3.0f} %"),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
-        TextColumn("[dim]{task.description}"),
+        TextColumn("{task.description}", style="dim", markup=False),
     )
     with Progress(*columns, console=console, transient=True, refresh_per_second=5) as bar:
         task = bar.add_task("", total=None, title=title)
 
         def tell(what: str, done: float, total: float) -> None:
-            # Names of solvers have brackets, which are not markup.
-            bar.update(task, description=what.replace("[", "\\["), completed=done, total=total)
+            bar.update(task, description=what, completed=done, total=total)
 
         yield tell
 

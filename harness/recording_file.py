@@ -1,9 +1,7 @@
 """The bytes of a recording file: a seal, and behind it plain HDF5.
 
-The first 512 bytes are a *user block*, which every HDF5 library skips:
-
-    glambda recording 3
-    sha256 <of everything behind the block>
+The first 512 bytes are a *user block*, which every HDF5 library skips; it holds the seal
+(`harness.seal`).
 
 1. The seal is checked before the HDF5 library sees a byte.  That library is made for sound files: a
    flipped bit can keep it busy for ever.
@@ -11,22 +9,25 @@ The first 512 bytes are a *user block*, which every HDF5 library skips:
    writes: members that are in this very file (no links elsewhere, no virtual or external storage),
    each array one plain block that is all there (no filters, so nothing that unpacks to more than
    the file), and attributes that are single numbers or texts of fixed length.
-3. Names, types and sizes are looked at before anything is allocated.
+3. Names, types and sizes are looked at before anything is allocated, and what they need is held
+   against the memory that there is.  The file itself is never held in memory.
 """
 
 from __future__ import annotations
 
-import hashlib
 import io
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.memory import available_memory
+from harness.plain_files import Unreadable, open_plain
 from harness.recording_layout import FIELDS, check_lengths
+from harness.seal import BLOCK, block, intact, put_seal
 
 FORMAT = "glambda recording"
 VERSION = 3
@@ -34,10 +35,11 @@ HEADER: dict[str, type] = {"scene": str, "parameters": str, "eps": float, "gravi
 """Attributes of the file that belong to the content."""
 SIGNATURE = ("code_version", "digest")
 """Attributes of the file that do not."""
-BLOCK = 512
-"""Length of the user block [bytes], the least that HDF5 allows."""
 FILE_LIMIT = 4_000_000_000
-"""Largest file [bytes]; it is made and read in memory."""
+"""Largest file [bytes]; it is made in memory."""
+QP_BYTES, ENTRY_BYTES = 10_000, 500
+"""Memory that the parts of a recording take beyond their arrays, at most [bytes]: of each QP with
+its solution and reference, and of each event, body and polygon."""
 
 
 class RecordingError(ValueError):
@@ -71,14 +73,10 @@ def file_bytes(stored: Stored) -> bytes:
         group = file.create_group("counts")
         for name, count in sorted(stored.counts.items()):
             group.attrs[name] = count
-    return sealed(buffer.getvalue())
-
-
-def sealed(content: bytes) -> bytes:
-    """The content of a file with its seal made right."""
-    body = content[BLOCK:]
-    seal = f"{FORMAT} {VERSION}\nsha256 {hashlib.sha256(body).hexdigest()}\n"
-    return seal.encode().ljust(BLOCK, b"\n") + body
+    buffer.seek(0)
+    buffer.write(block(f"{FORMAT} {VERSION}".encode()))
+    put_seal(buffer)
+    return buffer.getvalue()
 
 
 def read_file(path: Path, wrong: Wrong) -> Stored:
@@ -86,31 +84,34 @@ def read_file(path: Path, wrong: Wrong) -> Stored:
 
     Raises `wrong(field, what)` otherwise.  Values are not looked at.
     """
-    if not path.is_file():
-        raise wrong("file", "there is no such file")
-    size = path.stat().st_size
-    if size > FILE_LIMIT:
-        raise wrong("file", f"has {size} bytes, more than {FILE_LIMIT}")
-    content = path.read_bytes()
-    if not content.startswith(FORMAT.encode()):
-        raise wrong("file", "begins with no seal: it is truncated, foreign or of an older version")
-    version = content[len(FORMAT) : BLOCK].partition(b"\n")[0].decode(errors="replace").strip()
-    if version != str(VERSION):
-        raise wrong("version", f"is {version[:20]!r}; this glambda reads {VERSION}")
-    if content[:BLOCK] != sealed(content)[:BLOCK]:
-        raise wrong("seal", "the bytes do not match it: the file was damaged or altered")
     try:
-        with h5py.File(io.BytesIO(content), "r") as file:
-            return Stored(
-                _read_header(file, wrong),
-                _read_arrays(file, len(content), wrong),
-                _read_counts(file, wrong),
-            )
+        with open_plain(path, FILE_LIMIT) as file:
+            return _read_open(file, wrong)
     except RecordingError:
         raise
+    except FileNotFoundError:
+        raise wrong("file", "there is no such file") from None
+    except Unreadable as error:
+        raise wrong("file", str(error)) from None
+    except MemoryError:
+        raise wrong("file", "there is not memory enough to read it") from None
     # The bytes are foreign: h5py raises any of these on what it cannot make sense of.
     except (OSError, RuntimeError, KeyError, TypeError, ValueError, OverflowError) as error:
         raise wrong("file", f"cannot be read as HDF5 ({str(error)[:200]})") from None
+
+
+def _read_open(file: BinaryIO, wrong: Wrong) -> Stored:
+    head = file.read(BLOCK)
+    if not head.startswith(FORMAT.encode()):
+        raise wrong("file", "begins with no seal: it is truncated, foreign or of an older version")
+    version = head[len(FORMAT) :].partition(b"\n")[0].decode(errors="replace").strip()
+    if version != str(VERSION):
+        raise wrong("version", f"is {version[:20]!r}; this glambda reads {VERSION}")
+    if not intact(file):
+        raise wrong("seal", "the bytes do not match it: the file was damaged or altered")
+    with h5py.File(file, "r") as opened:
+        header = _read_header(opened, wrong)
+        return Stored(header, _read_arrays(opened, wrong), _read_counts(opened, wrong))
 
 
 def _read_header(file: h5py.File, wrong: Wrong) -> dict[str, Any]:
@@ -128,7 +129,7 @@ def _read_counts(file: h5py.File, wrong: Wrong) -> dict[str, int]:
     return {name: _attribute(group, name, int, wrong) for name in sorted(group.attrs)}
 
 
-def _read_arrays(file: h5py.File, size: int, wrong: Wrong) -> dict[str, NDArray[Any]]:
+def _read_arrays(file: h5py.File, wrong: Wrong) -> dict[str, NDArray[Any]]:
     """All arrays of `FIELDS`, once their places, types and sizes are known to be sound."""
     datasets: dict[str, h5py.Dataset] = {}
     for name, field in FIELDS.items():
@@ -143,8 +144,22 @@ def _read_arrays(file: h5py.File, size: int, wrong: Wrong) -> dict[str, NDArray[
         if not plain or dataset.id.get_storage_size() != dataset.nbytes:
             raise wrong(name, "is not stored as one plain block")
         datasets[name] = dataset
-    if sum(dataset.nbytes for dataset in datasets.values()) > size:
+    size = sum(dataset.nbytes for dataset in datasets.values())
+    if size > file.id.get_filesize():
         raise wrong("file", "is smaller than the arrays it claims to hold")
+    needed = (
+        size
+        + QP_BYTES * len(datasets["qps/m"])
+        + ENTRY_BYTES
+        * sum(
+            len(datasets[name])
+            for name in ("events/t", "bodies/polygon_count", "bodies/corner_count")
+        )
+    )
+    if needed > (there := available_memory()):
+        raise wrong(
+            "file", f"needs {needed / 1e9:.1f} GB of memory, and there are {there / 1e9:.1f}"
+        )
     arrays = {name: np.ascontiguousarray(dataset[()]) for name, dataset in datasets.items()}
     check_lengths(arrays, wrong)
     return arrays

@@ -102,6 +102,8 @@ def check_lengths(
         raise wrong("qps/m", f"has {n} entries, k, A_nnz and V_rows {len(k)}, {len(nnz)}, …")
     if min([0, *m, *k, *polygons, *corners]) < 0 or min([0, *nnz, *rows]) < -1:
         raise wrong("qps/m", "it or another size is negative")
+    if any(row > 0 and b == 0 for row, b in zip(rows, k, strict=True)):
+        raise wrong("qps/V_rows", "asks for generators of no columns")
     sparse = [s for s in nnz if s >= 0]
     sizes = {
         "qps/A_data": sum(a * b if s < 0 else s for a, b, s in zip(m, k, nnz, strict=True)),

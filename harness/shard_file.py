@@ -4,23 +4,16 @@ A shard is one (recording, solver, setting, arm): a row per QP with `COLUMNS`, a
 times of every pass, `build_time_0`, …, `pace_0`, `build_time_1`, … [s] (`TIMES`).  The file's
 metadata holds its `ShardKey` as JSON.
 
-It also holds a seal, the sha256 of the file with zeros in the place of the seal.
-
-The file is written without compression, and with times in plain, so that each row takes `ROW_BYTES`
-bytes or more.  `read_shard` trusts nothing:
-
-1. The seal, before the Parquet library sees a byte: a flipped bit can make that abort the process.
-2. Before any column is read: the key's fields and types, the file's name, the columns' names and
-   types, one block of rows, no compression, and no more rows than the file has room for.  So what
-   is read takes memory in proportion to the size of the file.
-3. Then: the length of texts, the columns that repeat the key, and those that sum up the passes.
+The file is written and read as `harness.sealed_parquet` says, with times in plain, so that each row
+takes `ROW_BYTES` bytes or more.  Of the key are looked at the fields and their types, and whether
+the file has its name; of the table, once it is read, the length of texts, the columns that repeat
+the key, those that sum up the passes, and the values (`harness.shard_values`).
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
@@ -31,10 +24,16 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from harness.sealed_parquet import (
+    Wrong,
+    check_layout,
+    parquet_bytes,
+    read_parquet,
+    said_of_itself,
+)
+from harness.shard_values import check_key, check_rows, check_times
+
 FORMAT_VERSION = 3
-METADATA = b"glambda"
-SEAL = b"glambda sha256 "
-"""What the seal begins with; 64 hexadecimal digits follow."""
 TIMES = ("build_time", "setup_time", "solve_time", "call_time", "pace")
 """Columns of `Shard.passes` [s]; pace is what `harness.calibration` took before the pass."""
 
@@ -108,8 +107,6 @@ TEXT_LIMIT = 2000
 """Longest text in a row [bytes]; longer ones are cut when they are written."""
 KEY_LIMIT = 10_000
 """Longest key [bytes], and most columns."""
-FILE_LIMIT = 1_000_000_000
-"""Largest file that is read [bytes]."""
 ROW_BYTES = 8 * (2 + 2 * len(TIMES))
 """Bytes that a row takes at least: runtime, runtime_median, and the times twice."""
 
@@ -177,28 +174,9 @@ def shard_bytes(shard: Shard) -> bytes:
     data |= zip(times, shard.passes.transpose(0, 2, 1).reshape(len(times), n), strict=True)
     schema = pa.schema([*COLUMNS.items(), *((name, pa.float64()) for name in times)])
     arrays = [pa.array(data[field.name], type=field.type) for field in schema]
-    sink = pa.BufferOutputStream()
-    with pq.ParquetWriter(
-        sink,
-        schema,
-        compression="none",
-        use_dictionary=[name for name in COLUMNS if name not in FROM_PASSES],
-        write_statistics=False,
-        store_schema=False,
-    ) as writer:
-        writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
-        about = {METADATA: json.dumps(asdict(key), sort_keys=True), "seal": SEAL + b"0" * 64}
-        writer.add_key_value_metadata(about)
-    return sealed(bytes(sink.getvalue()))
-
-
-def sealed(content: bytes) -> bytes:
-    """The content of a file with its seal made right, if it has one."""
-    before, mark, after = content.rpartition(SEAL)
-    if not mark:
-        return content
-    body = before + mark + b"0" * 64 + after[64:]
-    return before + mark + hashlib.sha256(body).hexdigest().encode() + after[64:]
+    table = pa.Table.from_arrays(arrays, schema=schema)
+    packed = [name for name in COLUMNS if name not in FROM_PASSES]
+    return parquet_bytes(table, json.dumps(asdict(key), sort_keys=True), packed)
 
 
 def read_shard(path: Path) -> StoredShard:
@@ -211,24 +189,10 @@ def read_shard(path: Path) -> StoredShard:
     def wrong(what: str) -> StoreError:
         return StoreError(" ".join(f"{path}: {what}; delete it and replay again".split()))
 
-    if not path.is_file() or path.stat().st_size > FILE_LIMIT:
-        raise wrong(f"is no file of at most {FILE_LIMIT} bytes")
-    content = path.read_bytes()
-    if SEAL not in content or content != sealed(content):
-        raise wrong("its seal is missing or wrong: it is damaged, foreign or of another version")
-    limits = {"thrift_string_size_limit": KEY_LIMIT, "thrift_container_size_limit": KEY_LIMIT}
-    try:
-        with pq.ParquetFile(pa.BufferReader(content), **limits) as file:
-            key = _read_key(path, file.metadata.metadata, wrong)
-            count = _check_layout(file, len(content), wrong)
-        with pq.ParquetFile(pa.BufferReader(content), read_dictionary=TEXTS, **limits) as file:
-            table = file.read(use_threads=False)
-            table.validate(full=True)
-    except StoreError:
-        raise
-    # The bytes are foreign: pyarrow raises any of these on a damaged file.
-    except (OSError, ValueError, LookupError, TypeError, MemoryError, pa.ArrowException) as error:
-        raise wrong(f"cannot be read ({str(error)[:200]})") from None
+    def check(file: pq.ParquetFile, size: int) -> tuple[ShardKey, int]:
+        return _read_key(path, file, wrong), _check_columns(file, size, wrong)
+
+    (key, count), table = read_parquet(path, check, wrong, texts=TEXTS, metadata_limit=KEY_LIMIT)
     for name in TEXTS:
         lengths = pc.binary_length(table[name].combine_chunks().dictionary)
         if len(lengths) and pc.max(lengths).as_py() > TEXT_LIMIT:
@@ -242,20 +206,16 @@ def read_shard(path: Path) -> StoredShard:
     for name, column in summarise(passes).items():
         if not np.array_equal(rows[name].to_numpy(), column, equal_nan=True):
             raise wrong(f"column {name} contradicts the times of the passes")
+    check_rows(key.scene, rows, wrong)
+    check_times(passes, wrong)
     return StoredShard(key, rows, passes)
 
 
-def _read_key(path: Path, metadata: Any, wrong: Callable[[str], StoreError]) -> ShardKey:
-    """The key in the file's metadata, once it has the right fields and is that of this name."""
-    text = (metadata or {}).get(METADATA)
-    if text is None:
+def _read_key(path: Path, file: pq.ParquetFile, wrong: Wrong) -> ShardKey:
+    """The key that the file gives, once it has the right fields and is that of this name."""
+    stored = said_of_itself(file, wrong)
+    if stored is None:
         raise StoreError(f"{path}: is no shard of a glambda study; remove it from the folder")
-    try:
-        stored = json.loads(text)
-    except (ValueError, RecursionError):
-        raise wrong("its key is no JSON") from None
-    if not isinstance(stored, dict):
-        raise wrong("its key is no JSON object")
     version = stored.get("format_version")
     if version != FORMAT_VERSION:
         raise StoreError(
@@ -268,27 +228,17 @@ def _read_key(path: Path, metadata: Any, wrong: Callable[[str], StoreError]) -> 
     key = ShardKey(**stored)
     if path.stem != key.name:
         raise wrong(f"it is the shard {key.name[:200]!r} under another name")
+    check_key(key, wrong)
     return key
 
 
-def _check_layout(file: pq.ParquetFile, size: int, wrong: Callable[[str], StoreError]) -> int:
-    """Look at names, types and sizes before any column is read; the number of passes."""
-    about, schema = file.metadata, file.schema_arrow
-    count = (len(schema) - len(COLUMNS)) // len(TIMES)
+def _check_columns(file: pq.ParquetFile, size: int, wrong: Wrong) -> int:
+    """Look at the columns before any is read; the number of passes."""
+    count = (len(file.schema_arrow) - len(COLUMNS)) // len(TIMES)
     kinds = COLUMNS | dict.fromkeys(_pass_columns(count), pa.float64())
-    if schema.names != list(kinds) or count < 1:
-        raise wrong("has other columns than this version")
-    for name, kind in zip(schema.names, schema.types, strict=True):
-        if kind != kinds[name]:
-            raise wrong(f"column {name} has type {kind} instead of {kinds[name]}")
-    if about.num_rows * ROW_BYTES > size:
-        raise wrong(f"claims {about.num_rows} rows, more than its {size} bytes can hold")
-    if about.num_row_groups > 1:
-        raise wrong(f"has {about.num_row_groups} blocks of rows instead of one")
-    for group in range(about.num_row_groups):
-        for column in range(about.num_columns):
-            if about.row_group(group).column(column).compression != "UNCOMPRESSED":
-                raise wrong(f"column {schema.names[column]} is compressed")
+    check_layout(file, size, kinds, ROW_BYTES, wrong)
+    if count < 1:
+        raise wrong("holds no pass")
     return count
 
 

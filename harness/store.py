@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -35,13 +36,14 @@ import pyarrow as pa
 
 from harness.folder_lock import lock_folder
 from harness.isolate import TIME_LIMIT
+from harness.json_file import read_json, sealed_json
 from harness.measure import DISTURBED
+from harness.plain_files import Unreadable
 from harness.recording import Recording, RecordingError, read_recording, write_recording
 from harness.shard_file import (
     COLUMNS,
     FROM_KEY,
     FROM_PASSES,
-    METADATA,
     TIMES,
     Shard,
     ShardKey,
@@ -54,7 +56,6 @@ from harness.whole_files import clear_leftovers, write_whole
 
 __all__ = [
     "COLUMNS",
-    "METADATA",
     "REPEAT_COLUMNS",
     "TIMES",
     "Shard",
@@ -73,6 +74,12 @@ REPEAT_COLUMNS = ("problem", "solver", "settings", "arm", "repeat", *TIMES)
 SPENT = ("replaying", "in_passes", "in_calls")
 """Seconds of a replay: all of them, judging and storing included; those of its passes, with warm-up
 and the start of processes; and those inside the calls of solvers that were timed."""
+
+STUDY: dict[str, type] = {
+    **dict.fromkeys(("machine", "clock", "libraries", "solvers", "arguments"), dict),
+    "study": str,
+}
+"""What study.json may say, and of what type; the clock's are numbers."""
 
 AGREE: dict[str, tuple[str, ...]] = {
     "recording_digest": ("scene",),
@@ -98,7 +105,8 @@ class Store:
         with self._written(self.folder):
             self._lock = lock_folder(self.folder, "study")
             for part in (".", "solves", "recordings"):
-                clear_leftovers(self.folder / part)
+                clear_leftovers(self._part(part))
+        read_spent(self.folder)  # refused now, and not when there is something to add
 
     def add_recording(self, recording: Recording) -> Path:
         """Keep a copy of the recording, and say where; another of the same label is refused."""
@@ -182,7 +190,14 @@ class Store:
         before, path = read_spent(self.folder), self.folder / "spent.json"
         total = {name: before.get(name, 0.0) + seconds.get(name, 0.0) for name in SPENT}
         with self._written(path):
-            write_whole(path, json.dumps(total).encode())
+            write_whole(path, sealed_json(total))
+
+    def _part(self, name: str) -> Path:
+        """A folder in this one, which may be missing."""
+        part = self.folder / name
+        if part.exists() and not part.is_dir():
+            raise StoreError(f"{part}: is no folder; move it away, or use another results folder")
+        return part
 
     def _path(self, key: ShardKey) -> Path:
         return self.folder / "solves" / f"{key.name}.parquet"
@@ -247,21 +262,56 @@ def read_time_limit(folder: str | os.PathLike[str]) -> float:
 
 
 def read_study(folder: str | os.PathLike[str]) -> dict[str, Any]:
-    """What study.json says; empty where there is none that can be read."""
-    try:
-        said = json.loads((Path(folder) / "study.json").read_text())
-    except (OSError, ValueError):
-        return {}
-    return said if isinstance(said, dict) else {}
+    """What study.json says (`STUDY`); empty where there is none.
+
+    Raises StoreError for one that is damaged, or says something else.
+    """
+    path = Path(folder) / "study.json"
+    said = _document(path)
+    for name, kind in STUDY.items():
+        if not isinstance(said.get(name, kind()), kind):
+            raise _no_document(path, f"{name}: is no {_WORDS[kind]}")
+    for name, value in said.get("clock", {}).items():
+        if not _is_time(value):
+            raise _no_document(path, f"clock: {name[:40]}: is no number of seconds")
+    return said
 
 
 def read_spent(folder: str | os.PathLike[str]) -> dict[str, float]:
-    """Seconds under the names `SPENT`, over all replays into a folder; empty if there was none."""
+    """Seconds under the names `SPENT`, over all replays into a folder; empty if there was none.
+
+    Raises StoreError where spent.json is damaged, or says something else.
+    """
+    path = Path(folder) / "spent.json"
+    said = _document(path, must_be_sealed=True)
+    if said and (set(said) != set(SPENT) or not all(map(_is_time, said.values()))):
+        raise _no_document(path, f"needs numbers of seconds under {', '.join(SPENT)}")
+    return {name: float(seconds) for name, seconds in said.items()}
+
+
+_WORDS: dict[type, str] = {dict: "object of names and values", str: "text"}
+
+
+def _document(path: Path, must_be_sealed: bool = False) -> dict[str, Any]:
+    """A JSON document of the folder; empty where there is none."""
     try:
-        read = json.loads((Path(folder) / "spent.json").read_text())
-        return {name: float(read[name]) for name in SPENT}
-    except (OSError, ValueError, KeyError, TypeError):
+        return read_json(path, must_be_sealed=must_be_sealed)
+    except FileNotFoundError:
         return {}
+    except OSError as error:
+        raise _no_document(path, f"cannot be read ({error.strerror or error})") from None
+    except Unreadable as error:
+        raise _no_document(path, str(error)) from None
+
+
+def _no_document(path: Path, what: str) -> StoreError:
+    return StoreError(f"{path}: {what}; delete it: nothing but words of a report depend on it")
+
+
+def _is_time(value: Any) -> bool:
+    """Whether a value is a number of seconds."""
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    return number and 0 <= value <= sys.float_info.max
 
 
 def read_shards(folder: Path, seen: Seen | None = None) -> Iterator[StoredShard]:

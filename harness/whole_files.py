@@ -24,7 +24,8 @@ def write_whole(path: Path, content: bytes) -> None:
     temporary = path.with_name(f".{path.name}.{os.getpid()}{TEMPORARY}")
     try:
         try:
-            with open(temporary, "wb") as file:
+            temporary.unlink(missing_ok=True)
+            with open(temporary, "xb") as file:  # "x": not through a link that stands there
                 file.write(content)
                 file.flush()
                 os.fsync(file.fileno())

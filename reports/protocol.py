@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import shlex
+import sys
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -20,6 +22,8 @@ RUN_OPTIONS = (
     *("drop_tol", "drift", "drift_time"),
 )
 """Options of `glambda record` about how a scene is run."""
+UNKNOWN = object()
+"""What an option is by default that this version does not know."""
 SLOW_PASS = 1.1
 """A pass that begins at more than this multiple of the median pace is counted as slow."""
 
@@ -188,16 +192,16 @@ def reproduce(results: Results) -> str:
         lines.append(record_command(scene, {} if recording is None else recording.parameters))
     if len(results.rows):
         lines.append(
-            f"glambda replay recordings/*.h5 --solvers '{','.join(results.solvers)}' \\\n"
-            f"    --settings {','.join(results.settings)} "
-            f"--arms {','.join(in_order(results.rows['arm'].unique(), ARMS))}"
+            f"glambda replay recordings/*.h5 --solvers {_names(results.solvers)} \\\n"
+            f"    --settings {_names(results.settings)} "
+            f"--arms {_names(in_order(results.rows['arm'].unique(), ARMS))}"
             f"{_limit(results)} -o results"
         )
         problem = str(results.rows["problem"].iloc[0])
         scene, _, number = problem.rpartition("/")
         solver = results.solvers[0]
         lines.append(
-            f"glambda replay 'recordings/{scene}.h5' --solvers '{solver}' --qp {int(number)}"
+            f"glambda replay {_file(scene)} --solvers {_names([solver])} --qp {int(number)}"
             "      # one row again"
         )
     lines += _campaign_commands(results)
@@ -216,14 +220,24 @@ def _campaign_commands(results: Results) -> list[str]:
         labels = sorted(part["scene"].unique())
         unknown = sorted(set(labels) - set(results.scenes))
         lines += [record_command(label, {}) for label in unknown]
-        files = " ".join(f"'recordings/{label}.h5'" for label in labels)
-        solvers = ",".join(sorted(part["solver"].unique(), key=solver_order))
-        arms = ",".join(in_order(part["arm"].unique(), ARMS))
+        files = " ".join(map(_file, labels))
+        solvers = _names(sorted(part["solver"].unique(), key=solver_order))
+        arms = _names(in_order(part["arm"].unique(), ARMS))
         lines.append(
-            f"glambda replay {files} --solvers '{solvers}' \\\n"
-            f"    --settings {setting} --arms {arms}{_limit(results)} -o results"
+            f"glambda replay {files} --solvers {solvers} \\\n"
+            f"    --settings {_names([setting])} --arms {arms}{_limit(results)} -o results"
         )
     return lines
+
+
+def _names(names: Iterable[str]) -> str:
+    """Names with commas between, as a shell takes them."""
+    return shlex.quote(",".join(names))
+
+
+def _file(label: str) -> str:
+    """The recording of a scene, as a shell takes it."""
+    return shlex.quote(f"recordings/{label}.h5")
 
 
 def _limit(results: Results) -> str:
@@ -240,25 +254,33 @@ def record_command(label: str, parameters: Mapping[str, Any]) -> str:
     """
     original, stretched, condition = label.partition(",condition=")
     if stretched:
-        return f"glambda stretch recordings/{original}.h5 --condition {condition} -o recordings"
+        asked = f"--condition {shlex.quote(condition)}"
+        return f"glambda stretch {_file(original)} {asked} -o recordings"
     name, *chosen = label.split(",")
     how: dict[str, Any] = {}
     if chosen and chosen[-1].startswith("friction="):  # of the run, and not of the scene
         how["friction"] = chosen.pop().removeprefix("friction=")
     how |= {name[4:]: value for name, value in parameters.items() if name.startswith("run.")}
-    options = "".join(f" --set {entry}" for entry in chosen)
+    options = "".join(f" --set {shlex.quote(entry)}" for entry in chosen)
     usual = {
-        **asdict(StepperOptions.of(how.get("eps", 1.0))),
+        **asdict(StepperOptions.of(_positive(how.get("eps")))),
         "eps": parameters.get("eps"),
         "until": parameters.get("end_time"),
         "solver": how.get("solver"),
     }
-    unusual = {option: value for option, value in how.items() if value != usual[option]}
+    unusual = {name: value for name, value in how.items() if value != usual.get(name, UNKNOWN)}
     for option in [option for option in RUN_OPTIONS if option in unusual]:
-        options += f" --{option.replace('_', '-')} {_text(unusual.pop(option))}"
+        value = shlex.quote(_text(unusual.pop(option)))
+        options += f" --{option.replace('_', '-')} {value}"
     more = ", ".join(f"{option}={_text(value)}" for option, value in unusual.items())
-    in_python = f"  # from Python: {more}" if more else ""
-    return f"glambda record {name}{options} -o recordings{in_python}"
+    in_python = f"  # from Python: {' '.join(more.split())}" if more else ""  # stays a comment
+    return f"glambda record {shlex.quote(name)}{options} -o recordings{in_python}"
+
+
+def _positive(value: Any) -> float:
+    """A stranger's value, if it is a positive number; else 1."""
+    number = isinstance(value, (int, float)) and 0 < value <= sys.float_info.max
+    return float(value) if number else 1.0
 
 
 def _text(value: Any) -> str:

@@ -7,6 +7,7 @@ replaces by its own colours, so that one file serves a light and a dark page.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import BytesIO
@@ -31,6 +32,9 @@ COLD, WARM = BLUE, VERMILLION
 PAGE_WIDTH = 7.6
 """Width of every figure [in]."""
 
+RAISED = str.maketrans("-.0123456789", "⁻·⁰¹²³⁴⁵⁶⁷⁸⁹")
+"""Digits of an exponent."""
+
 DPI = 160
 """Dots per inch of a PNG."""
 
@@ -50,6 +54,7 @@ _SETTINGS: dict[str, Any] = {
     "axes.labelsize": 8.5,
     "axes.axisbelow": True,
     "text.color": INK,
+    "text.parse_math": False,  # a $ in a name is a $
     "xtick.color": INK,
     "ytick.color": INK,
     "xtick.labelsize": 8,
@@ -90,6 +95,7 @@ def save(figure: Figure, path: Path) -> Path:
     A PNG has a palette of 256 colours, which these figures of few need, and under half the bytes.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
+    _plain_powers(figure)
     if path.suffix == ".png":
         _save_painted(figure, path)
         return path
@@ -99,6 +105,39 @@ def save(figure: Figure, path: Path) -> Path:
     }
     figure.savefig(path, dpi=DPI, **undated.get(path.suffix, {"facecolor": PAPER}))
     return path
+
+
+def _plain_powers(figure: Figure) -> None:
+    """Write the powers of logarithmic axes in letters, since no text is read as mathematics."""
+    from matplotlib.ticker import Formatter, LogFormatterMathtext
+
+    class Powers(Formatter):
+        """What another formatter writes, in letters."""
+
+        def __init__(self, inner: LogFormatterMathtext) -> None:
+            self.inner = inner
+
+        def set_axis(self, axis: Any) -> None:
+            super().set_axis(axis)
+            self.inner.set_axis(axis)
+
+        def set_locs(self, locs: Any) -> None:
+            self.inner.set_locs(locs)
+
+        def __call__(self, x: float, pos: int | None = None) -> str:
+            return in_letters(self.inner(x, pos))
+
+    for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
+        for ticker in (axis.major, axis.minor):
+            if isinstance(ticker.formatter, LogFormatterMathtext):
+                ticker.formatter = Powers(ticker.formatter)
+                ticker.formatter.set_axis(axis)
+
+
+def in_letters(power: str) -> str:
+    r"""10⁻³ for "$\mathdefault{10^{-3}}$", as Matplotlib writes powers."""
+    text = re.sub(r"^\$\\mathdefault\{(.*)\}\$$", r"\1", power).replace(r"\times", "×")
+    return re.sub(r"\^\{([-.\d]+)\}", lambda exponent: exponent[1].translate(RAISED), text)
 
 
 def draw_files(draw: Callable[[Path], Any], stem: Path) -> None:

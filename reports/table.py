@@ -18,6 +18,7 @@ from rich.console import Console
 from rich.text import Text
 
 from harness.display import table as rich_table
+from harness.printable import printable
 
 Format = Callable[[Any], str]
 
@@ -84,9 +85,12 @@ def csv_text(data: pd.DataFrame) -> str:
 
 
 def write_text(path: Path, text: str) -> Path:
-    """Write a file of a report, and its folder if that is missing; return its path."""
+    """Write a file of a report, and its folder if that is missing; return its path.
+
+    What results say may be a stranger's: characters that a terminal obeys are written out.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
+    path.write_text(printable(text), encoding="utf-8")
     return path
 
 

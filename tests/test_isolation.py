@@ -27,7 +27,7 @@ from harness.isolate import MOST_LOST, hard_limit
 from harness.live_process import cause_of_death, server
 from harness.measure import Outcome, believed
 from harness.sheet import HEADER, ROW, SETTLED, Layout, Pen, Sheet
-from harness.store import TIMES, read_spent
+from harness.store import TIMES, StoreError, read_spent
 from problems.qp import WorkCounts
 from solvers import registry
 from tests.crimes import CRIMES, MEMORY_LIMIT, SCENE, targets
@@ -313,7 +313,8 @@ def test_what_is_spent_inside_calls_is_kept(tmp_path: Path) -> None:
     replay(fake_recording(), ["Honest", "lies"], arms=["cold"], repeats=1, results=tmp_path)
     assert read_spent(tmp_path)["in_calls"] > spent["in_calls"]
     (tmp_path / "spent.json").write_text("[")
-    assert read_spent(tmp_path) == {}
+    with pytest.raises(StoreError, match=r"spent.json: its seal is missing .*; delete it"):
+        read_spent(tmp_path)
 
 
 SIZES = [3, 0, 2]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,10 +16,15 @@ import pytest
 import scipy.sparse as sp
 
 from benchmarks.forged_recordings import forge
+from harness import recording_file
 from harness.recording import Recording, RecordingError, read_recording, write_recording
-from harness.recording_file import sealed
+from harness.recording_file import ENTRY_BYTES, QP_BYTES
 from harness.recording_layout import FIELDS
+from harness.seal import sealed
+from problems.run import Event
 from tests.fake_recordings import fake_recording
+
+OF_EACH_QP = ("qps", "solutions", "references", "mu")
 
 
 @pytest.fixture
@@ -163,7 +169,7 @@ def test_absent_foreign_and_empty_files(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "other.h5", "w") as raw:
         raw["x"] = [1.0]
     assert "foreign or of an older version" in refusal(tmp_path / "other.h5")
-    assert "no such file" in refusal(tmp_path)
+    assert "is no file, but a folder" in refusal(tmp_path)
 
 
 def test_other_version(file: Path) -> None:
@@ -246,6 +252,55 @@ def test_arrays_that_are_elsewhere_or_nowhere_are_not_read(file: Path, tmp_path:
 def test_sizes_that_do_not_fit(file: Path, name: str, change: object) -> None:
     edit(file, name, change)
     assert "shape" in refusal(file) or "negative" in refusal(file)
+
+
+def test_generators_of_no_columns_are_refused(file: Path) -> None:
+    """They take no bytes in the file, and λ = V x would take terabytes."""
+    none = next(i for i, qp in enumerate(fake_recording().qps) if qp.k == 0)
+
+    def many(rows: np.ndarray) -> np.ndarray:
+        rows[none] = 10**12
+        return rows
+
+    edit(file, "qps/V_rows", many)
+    assert "qps/V_rows: asks for generators of no columns" in refusal(file)
+
+
+def test_a_file_is_refused_before_memory_is_gone(
+    file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recording_file, "available_memory", lambda: 1000.0)
+    assert "needs 0.0 GB of memory" in refusal(file)
+
+
+def test_a_file_with_a_wrong_seal_takes_no_memory(file: Path) -> None:
+    with open(file, "r+b") as raw:
+        raw.truncate(100_000_000)  # nearly all of it is a hole
+    tracemalloc.start()
+    try:
+        assert "seal" in refusal(file)
+        assert tracemalloc.get_traced_memory()[1] < 10_000_000
+    finally:
+        tracemalloc.stop()
+
+
+def test_objects_take_no_more_memory_than_is_expected_of_them(tmp_path: Path) -> None:
+    """QPs without a row or column, and events of one letter: next to nothing in the file."""
+    made = fake_recording()
+    none = next(i for i, qp in enumerate(made.qps) if qp.k == 0)
+    parts: dict[str, Any] = {name: [getattr(made, name)[none]] * 500 for name in OF_EACH_QP}
+    parts["qps"] = [replace(made.qps[none], generators=None)] * 500
+    parts |= {"polygons": [[np.zeros((0, 2))] * 5000], "q": made.q[:, :1], "v": made.v[:, :1]}
+    write_recording(tmp_path / "x.h5", replace(made, **parts, events=[Event(0.0, "a", "b")] * 5000))
+    tracemalloc.start()
+    try:
+        read = read_recording(tmp_path / "x.h5")
+        taken = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert len(read.qps) == 500
+    size = (tmp_path / "x.h5").stat().st_size
+    assert taken < size + 500 * QP_BYTES + 10_001 * ENTRY_BYTES
 
 
 def test_a_changed_bit_is_noticed(file: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -27,6 +28,7 @@ from reports.profiles import profile, ratios
 from reports.protocol import protocol, record_command, reproduce
 from reports.results import KEY, Results, empty_rows, load_results, prepare
 from reports.spread import spread_table
+from reports.style import drawing, in_letters, save
 from reports.table import microseconds, percent, short
 from reports.tables import (
     accuracy_table,
@@ -747,6 +749,50 @@ def test_commands_to_reproduce(study):
     assert "--qp 0" in text
 
 
+ODD = "fig4,x=$(touch y);'$z{\\frac"
+
+
+def test_commands_are_quoted_for_a_shell():
+    rows = make_rows(scenes=(ODD,), solvers=("lotstedt", "a b"), settings=("pa;per",))
+    text = reproduce(
+        results_of(rows, {ODD: make_recording(ODD, **{"run.note": "a\nrm b", "run.eps": []})})
+    )
+    for line in text.replace("\\\n", "").splitlines():
+        words = shlex.split(line, comments=True)
+        assert words[0] == "glambda" and words[1] in ("record", "replay", "report"), line
+    words = shlex.split(text.replace("\\\n", ""), comments=True)
+    assert {"x=$(touch y);'$z{\\frac", f"recordings/{ODD}.h5", "pa;per", "lotstedt,a b"} <= {*words}
+    told = record_command("a;b,condition=1;c", {})
+    assert shlex.split(told) == [
+        *("glambda", "stretch", "recordings/a;b.h5", "--condition", "1;c", "-o", "recordings")
+    ]
+
+
+def test_names_are_drawn_as_they_are_and_obeyed_nowhere(tmp_path):
+    """A $ begins mathematics in Matplotlib, unless it is told not to."""
+    rows = make_rows(scenes=(ODD,), solvers=("lotstedt", "$\\frac{", "daqp"))
+    rows["versions"] = "\x1b[31m1.0\u202e"
+    page = report(results_of(rows, {ODD: make_recording(ODD)}), tmp_path)
+    for path in (page, *tmp_path.glob("tables/*")):
+        text = path.read_text()
+        assert "\x1b" not in text and "\u202e" not in text, path
+    assert "\\x1b[31m1.0" in page.read_text()
+
+
+def test_powers_on_logarithmic_axes_are_written_in_letters(tmp_path):
+    assert in_letters(r"$\mathdefault{-2\times10^{-12}}$") == "-2×10⁻¹²"
+    assert in_letters(r"$\mathdefault{10^{0.50}}$") == "10⁰·⁵⁰"
+    assert in_letters("") == ""
+    with drawing() as Figure:
+        figure = Figure()
+        axes = figure.subplots()
+        axes.loglog([1e-3, 10.0], [1e-9, 1.0], label="$x_{")
+        axes.legend()
+        save(figure, tmp_path / "x.svg")
+        labels = {text.get_text() for text in (*axes.get_xticklabels(), *axes.get_yticklabels())}
+    assert {"10⁻³", "10⁰", "10⁻⁸"} <= labels and not any("$" in text for text in labels)
+
+
 def test_campaigns_have_their_commands():
     rows = make_rows(scenes=("fig2", "fig4,condition=1e4"), solvers=("lotstedt", "osqp"))
     study, aside = rows[rows["scene"] == "fig2"], rows[rows["scene"] != "fig2"]
@@ -754,7 +800,7 @@ def test_campaigns_have_their_commands():
     made = replace(results_of(study), campaigns=prepare(campaigns.drop_duplicates(KEY)))
     text = reproduce(made)
     assert "glambda stretch recordings/fig4.h5 --condition 1e4" in text
-    assert "glambda replay 'recordings/fig2.h5' --solvers 'lotstedt,osqp'" in text
+    assert "glambda replay recordings/fig2.h5 --solvers lotstedt,osqp" in text
     assert "--settings paper --arms exact -o results" in text
     assert "--settings 1e-6 --arms cold,warm -o results" in text
 

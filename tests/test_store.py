@@ -7,8 +7,10 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -16,7 +18,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from harness import folder_lock, whole_files
-from harness.folder_lock import Locked
+from harness.folder_lock import ForeignLock, Locked
+from harness.json_file import sealed_json
 from harness.recording import write_recording
 from harness.shard_file import summarise
 from harness.store import (
@@ -28,6 +31,8 @@ from harness.store import (
     StoreError,
     read_repeats,
     read_results,
+    read_spent,
+    read_study,
 )
 from tests.fake_recordings import fake_recording
 
@@ -255,6 +260,99 @@ def test_a_process_shares_its_lock_and_gives_it_back(tmp_path: Path) -> None:
     holder = other_process(tmp_path)
     holder.kill()
     holder.communicate()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
+@pytest.mark.parametrize("kind", ["link", "dangling", "other name", "folder", "pipe", "notes"])
+def test_a_lock_that_is_somebody_elses_is_left_alone(tmp_path: Path, kind: str) -> None:
+    folder, lock, precious = tmp_path / "study", tmp_path / "study" / ".lock", tmp_path / "precious"
+    folder.mkdir()
+    precious.write_text("precious")
+    make: dict[str, Callable[[], object]] = {
+        "link": lambda: lock.symlink_to(precious),
+        "dangling": lambda: lock.symlink_to(tmp_path / "absent"),
+        "other name": lambda: lock.hardlink_to(precious),
+        "folder": lock.mkdir,
+        "pipe": lambda: os.mkfifo(lock),
+        "notes": lambda: lock.write_text("12 notes of mine"),
+    }
+    make[kind]()
+    with pytest.raises(ForeignLock, match=r"\.lock: is no lock of glambda; remove it"):
+        Store(folder)
+    assert precious.read_text() == "precious" and not (tmp_path / "absent").exists()
+    assert kind != "notes" or lock.read_text() == "12 notes of mine"
+
+
+def test_a_temporary_of_somebody_else_is_not_written_through(tmp_path: Path) -> None:
+    precious = tmp_path / "precious"
+    precious.write_text("precious")
+    (tmp_path / f".x.{os.getpid()}.tmp").symlink_to(precious)
+    whole_files.write_whole(tmp_path / "x", b"content")
+    assert precious.read_text() == "precious"
+    assert (tmp_path / "x").read_bytes() == b"content" and not (tmp_path / "x").is_symlink()
+
+
+def test_a_file_in_the_place_of_a_folder_is_named(tmp_path: Path) -> None:
+    (tmp_path / "solves").write_text("x")
+    with pytest.raises(StoreError, match=r"solves: is no folder; move it away"):
+        Store(tmp_path)
+
+
+SECONDS = {"resolution": 1e-8, "empty_call": 1e-6, "empty_runtime": 1e-6}
+STRANGE: tuple[Any, ...] = (None, True, -1, 10**400, float("inf"), "", "x", [], [[]], {"a": {}})
+
+
+def test_study_json_is_what_it_should_be_or_refused_by_name(tmp_path: Path) -> None:
+    assert read_study(tmp_path) == {}
+    path, sound = tmp_path / "study.json", {"clock": SECONDS, "study": "ab", "machine": {"n": 2}}
+    path.write_text(json.dumps(sound))
+    assert read_study(tmp_path) == sound
+    wrong = [{**sound, name: value} for name in sound for value in STRANGE]
+    wrong += [{**sound, "clock": {**SECONDS, n: v}} for n in SECONDS for v in STRANGE]
+    refused = 0
+    for each in [*wrong, *STRANGE]:
+        path.write_text(json.dumps(each))
+        try:
+            read = read_study(tmp_path)
+        except StoreError as error:
+            assert str(path) in str(error) and "delete it" in str(error)
+            assert "\n" not in str(error)
+            refused += 1
+        else:  # a text may be any, and so may names and values
+            assert isinstance(read.get("study", ""), str)
+            assert isinstance(read.get("machine", {}), dict)
+            assert all(0 <= float(seconds) < np.inf for seconds in read.get("clock", {}).values())
+    assert refused > 0.7 * len(wrong)
+
+
+def test_a_study_json_without_end_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "study.json"
+    path.symlink_to("/dev/zero")
+    with pytest.raises(StoreError, match=r"study.json: is no file"):
+        read_study(tmp_path)
+    path.unlink()
+    os.mkfifo(path)
+    with pytest.raises(StoreError, match=r"study.json: is no file"):
+        read_study(tmp_path)
+    path.unlink()
+    path.write_text("[" * 1_000_000)
+    with pytest.raises(StoreError, match=r"nested too deep; delete it"):
+        read_study(tmp_path)
+
+
+def test_what_was_spent_adds_up_and_a_changed_number_is_noticed(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    for _ in range(2):
+        store.add_spent({"replaying": 2.0, "in_calls": 1.0})
+    assert read_spent(tmp_path) == {"replaying": 4.0, "in_passes": 0.0, "in_calls": 2.0}
+    path = tmp_path / "spent.json"
+    path.write_bytes(path.read_bytes().replace(b"4.0", b"5.0"))
+    for read in (lambda: read_spent(tmp_path), lambda: Store(tmp_path)):
+        with pytest.raises(StoreError, match=r"spent.json: its seal is missing or wrong"):
+            read()
+    path.write_bytes(sealed_json({"replaying": "x", "in_passes": 0.0, "in_calls": 2.0}))
+    with pytest.raises(StoreError, match="needs numbers of seconds"):
+        read_spent(tmp_path)
 
 
 def test_leftovers_of_killed_writers_are_cleared(tmp_path: Path) -> None:

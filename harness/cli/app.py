@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import typer
 
+from harness.cli.streams import say
+
 if TYPE_CHECKING:
-    from rich.console import Console
+    from harness.terminal import Terminal
 
 EPILOG = """A first walk:
 
@@ -119,7 +121,7 @@ def told(command: Command) -> Command:
             said = "; what was finished is kept" if kept else ""
             said += ": the same command continues" if resumed else ""
             said += "".join(f"; {word}" for word in stopped.args)
-            typer.echo(f"\ninterrupted{said}", err=True)
+            say(f"\ninterrupted{said}", err=True)
             raise typer.Exit(130) from None
 
     return run  # type: ignore[return-value]
@@ -137,17 +139,15 @@ def _check_folder(path: Path | None) -> None:
 def _give_up(error: Exception, code: int, message: str = "") -> None:
     if os.environ.get("GLAMBDA_DEBUG"):
         raise error
-    typer.echo(f"glambda: {' '.join((message or str(error)).split())}", err=True)
+    say(f"glambda: {' '.join((message or str(error)).split())}", err=True)
     raise typer.Exit(code) from None
 
 
-def terminal(err: bool = False) -> Console:
-    from rich.console import Console
+def terminal(err: bool = False) -> Terminal:
+    """The console of stdout or stderr."""
+    from harness.terminal import Terminal
 
-    console = Console(stderr=err)
-    if not console.is_terminal:
-        console.width = 120  # a file has no width of its own
-    return console
+    return Terminal(err)
 
 
 def split_names(text: str, default: list[str]) -> list[str]:
@@ -173,7 +173,7 @@ def chosen_solvers(text: str) -> list[str]:
     known = [describe(name) for name in solver_names()]
     for info in known:
         if not info.available:
-            typer.echo(f"skipped: {info.name} is not installed ({info.reason})", err=True)
+            say(f"skipped: {info.name} is not installed ({info.reason})", err=True)
     return [info.name for info in known if info.available]
 
 

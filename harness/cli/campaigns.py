@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from harness.cli.app import Files, app, chosen_solvers, terminal, told
+from harness.cli.streams import say
 
 
 @app.command()
@@ -39,7 +40,7 @@ def criterion(
         examination = examine(recordings, progress=tell)
     print_criterion(terminal(), measured, examination)
     if output is not None:
-        typer.echo(str(write_criterion(measured, output, examination)))
+        say(str(write_criterion(measured, output, examination)))
 
 
 @app.command()
@@ -80,7 +81,7 @@ def growth(
     with shown("growth", terminal(err=True)) as tell:
         points = measure_growth(plan, output, progress=tell)
     print_growth(terminal(), points)
-    typer.echo(str(write_growth(points, output)))
+    say(str(write_growth(points, output)))
 
 
 def _sizes(text: str) -> list[int]:
@@ -112,4 +113,4 @@ def stability(
         corners = [measured_run(solver, order, D, K) for order in (1, 2) for D, K in CORNERS]
     page = write_stability(checked, corners, output)
     print_tables(terminal(), [runs_table(checked)])
-    typer.echo(str(page))
+    say(str(page))

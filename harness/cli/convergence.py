@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from harness.cli.app import app, terminal, told
+from harness.cli.streams import say
 
 
 @app.command()
@@ -36,4 +37,4 @@ def convergence(
         measured = measure_convergence(scenes or SCENES, make_solver("lotstedt"), progress=tell)
     page = write_convergence(measured, output)
     print_tables(terminal(), convergence_tables(measured))
-    typer.echo(str(page))
+    say(str(page))

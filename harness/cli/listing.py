@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from harness.cli.app import app, terminal, told
+from harness.cli.streams import say
 
 
 @app.command()
@@ -36,7 +37,7 @@ def solvers() -> None:
     terminal().print(solvers_table(known))
     for info in known:
         if not info.available:
-            typer.echo(f"absent: {info.name} ({info.reason})")
+            say(f"absent: {info.name} ({info.reason})")
 
 
 @app.command()
@@ -60,6 +61,6 @@ def info(
                 raise ValueError(f"{path}: holds no results; give a folder of 'glambda replay'")
             console.print(replay_table(rows))
         else:
-            with terminal(err=True).status(f"reading {path.name}"):
+            with terminal(err=True).status("reading"):
                 recording = read_recording(path)
             print_recording(console, recording, str(path))

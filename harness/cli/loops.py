@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from harness.cli.app import Eps, Solvers, Until, app, chosen_solvers, split_names, terminal, told
+from harness.cli.streams import say
 
 
 @app.command()
@@ -62,4 +63,4 @@ def closed_loop(
     with shown("closed loop", terminal(err=True)) as tell:
         found = close_loops(plan, output, progress=tell)
     print_closed_loop(terminal(), found)
-    typer.echo(str(write_closed_loop(found, output)))
+    say(str(write_closed_loop(found, output)))

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from harness.cli.app import app, terminal, told
+from harness.cli.streams import say
 
 
 @app.command()
@@ -31,4 +32,4 @@ def painleve(
         measured = measure_painleve(make_solver("lotstedt"), progress=tell)
     page = write_painleve(measured, output)
     print_tables(terminal(), painleve_tables(measured))
-    typer.echo(str(page))
+    say(str(page))

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from harness.cli.app import app, split_names, terminal, told
+from harness.cli.streams import say
 
 
 @app.command()
@@ -52,9 +53,9 @@ def peers(
     described = plan.described()
     for info in described:
         if not info.available:
-            typer.echo(f"skipped: {info.name} is not installed ({info.reason})", err=True)
+            say(f"skipped: {info.name} is not installed ({info.reason})", err=True)
     with shown("peers", terminal(err=True)) as tell:
         runs = run_campaign(plan, output, progress=tell)
     rows = table_of(runs)
     print_peers(terminal(), rows, described)
-    typer.echo(str(write_peers(rows, described, output)))
+    say(str(write_peers(rows, described, output)))

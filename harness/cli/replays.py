@@ -23,6 +23,7 @@ from harness.cli.app import (
     told,
 )
 from harness.cli.simulation import recorded
+from harness.cli.streams import say
 
 
 @app.command()
@@ -80,7 +81,7 @@ def replay(
                 for setting in chosen:
                     for arm in runs:
                         print_row(terminal(), reproduce(recording, name, setting, arm, qp))
-                        typer.echo()
+                        say()
         return
     with shown("replay", terminal(err=True)) as tell:
         rows = replay_all(
@@ -157,11 +158,11 @@ def verify(
     if len(missed):
         console.print(misses_table(missed, "Missed A x by more than 10 × the accuracy asked"))
     skipped = int(lines["skipped"].sum())
-    typer.echo(
+    say(
         f"{int(lines['solves'].sum())} answers of {len(names)} backends judged, {skipped} skipped, "
         f"{int(lines['missed'].sum())} missed"
     )
     if len(broken):
         console.print(misses_table(broken, "FAILED: misses that are not expected"))
         raise typer.Exit(1)
-    typer.echo("every backend reproduces the same Gλ, but for the expected misses")
+    say("every backend reproduces the same Gλ, but for the expected misses")

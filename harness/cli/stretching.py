@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from harness.cli.app import Files, app, split_names, terminal, told
+from harness.cli.streams import say
 
 
 @app.command()
@@ -40,4 +41,4 @@ def stretch(
             target = output / f"{made.scene}.h5"
             write_recording(target, made)
             known = sum(reference is not None for reference in made.references)
-            typer.echo(f"{target}: {len(made.qps)} QPs, {known} with a reference")
+            say(f"{target}: {len(made.qps)} QPs, {known} with a reference")

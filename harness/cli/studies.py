@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from harness.cli.app import Cluster, Workers, app, chosen_solvers, cluster_of, terminal, told
+from harness.cli.streams import say
 
 
 @app.command()
@@ -24,7 +25,7 @@ def report(
 
     with terminal(err=True).status("drawing the report"):
         page = write_report(results, output)
-    typer.echo(str(page))
+    say(str(page))
 
 
 @app.command()
@@ -75,4 +76,4 @@ def study(
     rows = read_results(folder)
     for setting in plan.settings:
         terminal().print(replay_table(rows[rows["settings"] == setting]))
-    typer.echo(str(page))
+    say(str(page))

@@ -20,10 +20,12 @@ from pathlib import Path
 from typing import Any
 
 from harness.folder_lock import sole_writer
+from harness.json_file import read_json, sealed_json
 from harness.machine import machine_label
 from harness.peers import ENGINES, OURS, EngineInfo, describe_engine, engine_class, engine_version
 from harness.peers.tasks import DEFAULT, Task, digest_of, tasks_of
 from harness.peers.worker import Worker
+from harness.plain_files import Unreadable
 from harness.record import Progress
 from harness.whole_files import write_whole
 
@@ -143,7 +145,7 @@ def _outcome(
         options = {**cls.settings, **(cls.resting or {})}[run.setting]
         outcome = worker.run(run.task, dict(options), run.resolution, limit)
     outcome = {**outcome, "limit": limit}
-    write_whole(path, json.dumps({**asdict(run), **outcome}, indent=1).encode())
+    write_whole(path, sealed_json({**asdict(run), **outcome}))
     return outcome
 
 
@@ -157,11 +159,11 @@ def _coarser_was_too_slow(run: Run, done: list[tuple[Run, Outcome]]) -> bool:
 
 def _kept(path: Path, limit: float) -> Outcome | None:
     """What is stored, unless more time is allowed now to a run that had too little."""
-    if not path.exists():
-        return None
     try:
-        kept: Outcome = json.loads(path.read_bytes())
-    except ValueError:
+        kept: Outcome = read_json(path, must_be_sealed=True)
+    except FileNotFoundError:
+        return None
+    except Unreadable:
         return None  # damaged: run anew
     ended = kept["status"] not in ("timeout", "skipped")
     return kept if ended or kept["limit"] >= limit else None

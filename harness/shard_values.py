@@ -1,0 +1,76 @@
+"""What the values of a stranger's shard must be, so that whoever reads rows need not ask.
+
+Everybody who can seal a file can write any value of the right type.  Here is looked at what rows
+are found, grouped and counted by; a number that was measured may be any that a measurement can be.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from harness.facts import setting_name
+from harness.judge import VERDICTS
+from harness.recording import PROOFS
+from harness.sealed_parquet import Wrong
+from harness.starts import EVERY_ARM
+from problems.qp import KINDS, Status
+
+KNOWN = ("problem", "found", "step", "verdict")
+"""Columns in which no value may be missing."""
+CHOICES: dict[str, tuple[str, ...]] = {
+    "kind": KINDS,
+    "verdict": VERDICTS,
+    "proof": ("", *PROOFS),
+    "status": ("", *Status.__members__),
+}
+"""What texts there may be."""
+LARGEST = 2**53
+"""Counts beyond this are none: float64 does not tell them from their neighbours."""
+
+
+def check_key(key: Any, wrong: Wrong) -> None:
+    """Raise `wrong(what)` for a key that no replay makes."""
+    for name in ("scene", "solver"):
+        if not (getattr(key, name) and getattr(key, name).isprintable()):
+            raise wrong(f"its {name} {getattr(key, name)[:60]!r} is no name")
+    try:
+        known = setting_name(key.settings) == key.settings
+    except ValueError:
+        known = False
+    if not known:
+        raise wrong(f"its setting {key.settings[:60]!r} is unknown")
+    if key.arm not in EVERY_ARM:
+        raise wrong(f"its arm {key.arm[:60]!r} is unknown")
+    for name in ("time_limit", "memory_limit"):
+        if not 0 < getattr(key, name) < np.inf:
+            raise wrong(f"its {name} is {getattr(key, name)}")
+
+
+def check_rows(scene: str, rows: pa.Table, wrong: Wrong) -> None:
+    """Raise `wrong(what)` for rows that no replay of a recording of this scene makes."""
+    for name in KNOWN:
+        if rows[name].null_count:
+            raise wrong(f"column {name} lacks a value")
+    for name, choices in CHOICES.items():
+        unknown = {*rows[name].unique().to_pylist()} - {None, *choices}
+        if unknown:
+            raise wrong(f"column {name} holds {min(unknown)[:60]!r}, which is unknown")
+    named = [f"{scene}/{step:06d}" for step in rows["step"].to_pylist()]
+    if rows["problem"].to_pylist() != named or len({*named}) < len(named):
+        raise wrong("column problem is not the scene and the step of each row, once")
+    for field in rows.schema:
+        least = {pa.int64(): -1 if field.name == "rank" else 0}.get(field.type)
+        if least is None:
+            continue
+        counts = rows[field.name].drop_null().to_numpy()
+        if counts.size and not least <= counts.min() <= counts.max() < LARGEST:
+            raise wrong(f"column {field.name} holds what is no count")
+
+
+def check_times(passes: np.ndarray, wrong: Wrong) -> None:
+    """Raise `wrong(what)` for times (passes, n, times) [s] that no clock shows; NaN: not run."""
+    if (passes < 0).any() or np.isinf(passes).any():
+        raise wrong("holds a time that is negative or infinite")
