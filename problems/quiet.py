@@ -38,8 +38,8 @@ MOST = 256
 Q, V, V_BEFORE, A, A_BEFORE = range(5)
 # entries of `QuietSteps.reals`: the time, the last step and the one wished for [s] …
 TIME, H, WISH = range(3)
-# … and what the stepper is set to
-EPS, DROP_TOL, H_MAX, FIXED, REST_SPEED, UNTIL, REACH = range(3, 10)
+# … and what the stepper is set to, the overlap that is allowed last [m]
+EPS, DROP_TOL, H_MAX, FIXED, REST_SPEED, UNTIL, REACH, ALLOWED = range(3, 11)
 # entries of `QuietSteps.counts`: steps since the last restart, steps taken, QPs solved, those of
 # them that belong to steps taken or rejected, highest order, why there were no more, time points
 # with λ, passes of friction at most (1: lagged), steps rejected because their error turned out too
@@ -60,6 +60,8 @@ class Shapes(NamedTuple):
     corner_part: Indices
     corner_local: Vector
     part_body: Indices
+    part_first: Indices
+    part_size: Indices
     edge_normal: Vector
     edge_offset: Vector
     edge_start: Vector
@@ -80,7 +82,7 @@ class QuietSteps(NamedTuple):
 
     D : (3n,);  forces : (3n,) f;  eps0 : the accuracy asked of a QP (3.13)
     contacts : see there, multipliers and signs are updated
-    corner, part, level, free : (L,) the candidates themselves, updated
+    corner, part, level, free : (L,) the candidates themselves, updated;  pairs : (P, 2) their parts
     listed_at : (3n,) where the candidates were listed
     state, reals, counts : see the names above, updated
     track : (MOST, 1 + 6n) t, q, q̇ of every step;  gaps : (MOST,) min φ [m]
@@ -101,6 +103,7 @@ class QuietSteps(NamedTuple):
     part: Indices
     level: Vector
     free: NDArray[np.bool_]
+    pairs: Indices
     listed_at: Vector
     state: Vector
     reals: Vector
@@ -176,6 +179,7 @@ class Quiet:
                 *(0.0, 0.0, 0.0, options.eps, options.drop_tol, options.h_max),
                 *(options.fixed_step or 0.0, options.rest_speed, 0.0),
                 stepper.graph.candidates.margin / 2,
+                stepper.allowed_overlap,
             ]
         )
 
@@ -200,6 +204,7 @@ class Quiet:
                 stepper.counts["rejected_steps"] += counts[REJECTED]
             if steps:
                 _follow(stepper, run, active, steps)
+                stepper.watch_progress()
             taken += steps
         self._event_is_next = taken > 0 and ended != LOOK
         return taken, _last_step(stepper, run) if ended == LOOK else None
@@ -247,6 +252,7 @@ class Quiet:
             part=near.part,
             level=near.level,
             free=near.free,
+            pairs=near.pairs,
             listed_at=near.listed_at,
             state=state,
             reals=reals,
