@@ -17,8 +17,13 @@ from harness.verify import ACCURATE_CLASS
 from problems.qp import KINDS
 from solvers.registry import SolverInfo
 
-GAINS_SHOWN = 5
-"""Most friction gains that are told of a simulation."""
+EVENTS_SHOWN = 5
+"""Most events of a kind that are told of a simulation."""
+TOLD = {"gain": "gain of friction", "overlap": "overlap"}
+"""Kinds of event that are told one by one, and in which words."""
+JAM = "  jam: friction whose gain is 1 or more stops contacts at once, as an impulse would"
+WEDGED = "; impulses without friction (mu_I = 0) leave wedged bodies sliding, and it catches them"
+"""What a jam is, and where most come from: with mu_I = mu they are rare."""
 
 
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> Table:
@@ -132,8 +137,21 @@ def _motion(recording: Recording) -> str:
     return f"t = {recording.t[0]:g} to {recording.t[-1]:g} s, {bodies} bodies"
 
 
+def _print_findings(console: Console, run: Any) -> None:
+    """Events that say something of the model or of the accuracy."""
+    for kind, words in TOLD.items():
+        found = [event for event in run.event_log if event.kind == kind]
+        for event in found[:EVENTS_SHOWN]:
+            console.print(Text(f"  t = {event.t:.6g} s: {words}, {event.detail}"))
+        if len(found) > EVENTS_SHOWN:
+            more = f"  and {len(found) - EVENTS_SHOWN} more; --trajectory keeps all events"
+            console.print(Text(more))
+    if any(event.kind == "jam" for event in run.event_log):
+        console.print(Text(JAM + WEDGED if run.scene.mu_I == 0 else JAM))
+
+
 def print_run(console: Console, run: Any) -> None:
-    """How a simulation ended: counts, events, where each body is; and friction gains γ ≥ 1."""
+    """How a simulation ended: counts, events and what some of them mean, where each body is."""
     counts = ", ".join(f"{v} {k.replace('_', ' ')}" for k, v in run.counts.items())
     rest = [event.t for event in run.event_log if event.kind == "rest"]
     end = f", at rest from t = {rest[-1]:.6g} s on" if rest else ""
@@ -141,11 +159,7 @@ def print_run(console: Console, run: Any) -> None:
     kinds = Counter(event.kind for event in run.event_log)
     if kinds:
         console.print(Text("events: " + ", ".join(f"{n} {kind}" for kind, n in kinds.items())))
-    gains = [event for event in run.event_log if event.kind == "gain"]
-    for event in gains[:GAINS_SHOWN]:
-        console.print(Text(f"  t = {event.t:.6g} s: gain of friction, {event.detail}"))
-    if len(gains) > GAINS_SHOWN:
-        console.print(Text(f"  and {len(gains) - GAINS_SHOWN} more; --trajectory keeps all events"))
+    _print_findings(console, run)
     last = run.trajectory.tail(run.q.shape[1])
     names = ["body", "x", "y", "phi", "vx", "vy", "omega"]
     console.print(

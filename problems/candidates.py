@@ -25,6 +25,7 @@ class Candidates:
     """corner, part, level, free (L,) of all near pairs; levels are ≤ 0.
 
     listed_at : (3n,) the position that they were found at;  margin : how near is near [m]
+    pairs : (P, 2) the parts that they are of, each pair once
     """
 
     def __init__(self, geometry: Geometry):
@@ -34,6 +35,7 @@ class Candidates:
         self.listed_at = np.full(3 * geometry.n_bodies, np.inf)
         self.corner, self.part = np.zeros(0, np.int64), np.zeros(0, np.int64)
         self.level, self.free = np.zeros(0), np.zeros(0, bool)
+        self.pairs = np.zeros((0, 2), np.int64)
 
     def outdated(self, moved: float) -> bool:
         """Whether the list is too old for a body that has moved so far since it was made [m]."""
@@ -92,5 +94,8 @@ class Candidates:
         self.corner, self.part = self.geometry.near_corners(self.geometry.pose(q), margin)
         self.level, self.free = np.zeros(self.corner.size), np.ones(self.corner.size, bool)
         self.listed_at = q
+        parts = np.sort([self.geometry.corner_part[self.corner], self.part], axis=0)
+        number = len(self.geometry.part_body)
+        self.pairs = np.column_stack(np.divmod(np.unique(parts[0] * number + parts[1]), number))
         for pair, level in levels.items():
             self.set_level(*pair, level)

@@ -160,14 +160,30 @@ class ConstraintGraph:
         It does where one of its points coincides with the corner, or where two parallel constraints
         are active: an edge on an edge needs no more than its two ends.
         """
-        same = self.geometry.tolerance(corner, part)
+        contacts = self.of_pair.get(self.pair_of(corner, part), ())
+        along = (c for c in contacts if len(c.normals) == 2)
+        return any(self._parallel(pose, c, part, edge) for c in along) or bool(
+            self.at(pose, corner, part)
+        )
+
+    def at(self, pose: Pose, corner: int, part: int) -> list[Normal]:
+        """Active constraints of the pair at a point that coincides with this corner."""
+        same, at = self.geometry.tolerance(corner, part), pose.corners[corner]
+        return [
+            normal
+            for contact in self.of_pair.get(self.pair_of(corner, part), ())
+            for normal in contact.normals
+            if np.hypot(*(pose.corners[normal.corner] - at)) <= same
+        ]
+
+    def kept_out(self, pose: Pose, corner: int, part: int, edge: int) -> bool:
+        """Whether an active contact of the pair keeps this corner on its side of this very edge."""
+        there = self.at(pose, corner, part)
         for contact in self.of_pair.get(self.pair_of(corner, part), ()):
-            if len(contact.normals) == 2 and self._parallel(pose, contact, part, edge):
+            if self._parallel(pose, contact, part, edge) and (
+                len(contact.normals) == 2 or contact.normals[0] in there
+            ):
                 return True
-            for normal in contact.normals:
-                gap = pose.corners[normal.corner] - pose.corners[corner]
-                if np.hypot(*gap) <= same:
-                    return True
         return False
 
     def hit_edge(self, pose: Pose, corner: int, part: int) -> int:

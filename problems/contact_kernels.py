@@ -95,6 +95,49 @@ def past_tip(phi, edge):
 
 
 @kernel
+def least_overlap(
+    corners,
+    centres,
+    cosine,
+    sine,
+    one,
+    two,
+    enough,
+    first,
+    size,
+    part_body,
+    normal,
+    offset,
+):
+    """By how far two convex parts overlap [m], and the corner, part and edge of that axis.
+
+    Of all edges of both the one whose deepest corner of the other part is the least deep; less
+    than 0 where it keeps them apart.  An edge where they overlap by less than `enough` ends the
+    search.
+    """
+    least, corner, part, edge = np.inf, -1, -1, -1
+    for turn in range(2):
+        p, other = (one, two) if turn == 0 else (two, one)
+        if size[other] == 0:
+            continue
+        b = part_body[p]
+        for e in range(max(size[p], 1)):
+            x, y = normal[p, e, 0], normal[p, e, 1]
+            nx, ny = cosine[b] * x - sine[b] * y, sine[b] * x + cosine[b] * y
+            low, lowest = np.inf, -1
+            for c in range(first[other], first[other] + size[other]):
+                phi = nx * (corners[c, 0] - centres[b, 0]) + ny * (corners[c, 1] - centres[b, 1])
+                if phi < low:
+                    low, lowest = phi, c
+            depth = offset[p, e] - low
+            if depth < least:
+                least, corner, part, edge = depth, lowest, p, e
+            if least < enough:
+                return least, corner, part, edge
+    return least, corner, part, edge
+
+
+@kernel
 def contact_columns(
     corners,
     centres,

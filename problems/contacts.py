@@ -33,6 +33,7 @@ from problems.contact_kernels import (
     clearances,
     contact_columns,
     edge_distances,
+    least_overlap,
     past_tip,
     place_corners,
 )
@@ -202,13 +203,15 @@ class Geometry:
 
         Of the edges within `contact_tol` of the corner, the best separating axis of the two parts:
         a corner that drift has put 1e-5 inside one edge, and that passes the end of the adjacent
-        side, is still on the first edge.
+        side, is still on the first edge.  Where drift has made the parts overlap by more than
+        `contact_tol`, all edges within that overlap are looked at.
         """
         phi = self.distances(pose, np.array([corner]), np.array([part]))[0]
-        near = np.flatnonzero(phi >= phi.max() - self.tolerance(corner, part))
+        other = int(self.corner_part[corner])
+        wide = max(self.tolerance(corner, part), self.overlap(pose, part, other)[0])
+        near = np.flatnonzero(phi >= phi.max() - wide)
         if near.size == 1:
             return int(near[0])
-        other = int(self.corner_part[corner])
         return int(max(near, key=lambda e: (self.depth_below(pose, part, int(e), other), -e)))
 
     def past_tip(self, pose: Pose, corner: int, part: int, edge: int) -> bool:
@@ -288,15 +291,20 @@ class Geometry:
             pairs += [(int(p), plane) for p in np.flatnonzero(lowest <= margin)]
         return sorted(pairs)
 
+    def overlap(self, pose: Pose, one: int, two: int) -> tuple[float, tuple[int, int, int]]:
+        """Depth [m] by which two convex parts overlap, 0 or less where an edge separates them.
+
+        And where: the corner, part and edge of the axis along which it is the least.
+        """
+        depth, *place = least_overlap(
+            *(*pose, one, two, -np.inf, self.part_first, self.part_size),
+            *(self.part_body, self.edge_normal, self.edge_offset),
+        )
+        return depth, (place[0], place[1], place[2])
+
     def penetration(self, pose: Pose, pair: tuple[int, int]) -> float:
-        """Depth [m] by which two convex parts overlap: 0 or less where an edge separates them."""
-        p, r = pair
-        best = -np.inf
-        for part, other in ((p, r), (r, p)):
-            for edge in range(max(int(self.part_size[part]), 1)):
-                if self.part_size[other] and np.isfinite(self.edge_offset[part, edge]):
-                    best = max(best, self.depth_below(pose, part, edge, other))
-        return -best
+        """That depth alone."""
+        return self.overlap(pose, *pair)[0]
 
     def features(self, places: Indices) -> Indices:
         """Rows of `ContactQP.feature` of the normals at places (N, 3), (N, 5)."""
@@ -314,6 +322,8 @@ class Shapes(NamedTuple):
     corner_part: Indices
     corner_local: Vector
     part_body: Indices
+    part_first: Indices
+    part_size: Indices
     edge_normal: Vector
     edge_offset: Vector
     edge_start: Vector

@@ -23,22 +23,43 @@ from problems.dips import dips, floors
 from problems.multistep import Path
 from problems.qp import Vector
 from problems.shapes import cross
-from problems.step_kernels import END_SLACK, arrive, beyond_edge, ends_inside, miss, ways
+from problems.step_kernels import (
+    END_SLACK,
+    FAR_TOO_DEEP,
+    arrive,
+    beyond_edge,
+    ends_inside,
+    miss,
+    next_overlap,
+    ways,
+)
 
 SAME_TIME = 1e-9
 """Events within this many seconds of each other are simultaneous."""
 TOUCH_TOL = 1e-7
 """A corner within this distance of a part touches it [m]."""
+DRIFT_ALLOWED = 1.0
+"""Overlap that drift may leave, over ε [s]: heaps of ordinary polygons come to a tenth of it, …"""
+LEAST_ALLOWED = 1e-6
+"""… but no less than this [m]."""
 
 
 @dataclass(frozen=True)
 class Hit:
-    """A corner that reaches the boundary of a part at step length h."""
+    """A corner that reaches the boundary of a part at step length h.
+
+    late : whether the parts overlap there by more than drift may leave
+    """
 
     h: float
     corner: int
     part: int
     edge: int
+    late: bool = False
+
+    @property
+    def place(self) -> tuple[int, int, int]:
+        return self.corner, self.part, self.edge
 
 
 @dataclass(frozen=True)
@@ -54,6 +75,7 @@ class Arrival(NamedTuple):
 
     q (3n,), pose : where everything is then;  clearance (L,) : of all `Candidates`
     handed_over : {row_id: (corner, part, edge)} of the constraints that another corner carries then
+    too_deep : {(part, part): overlap [m]} of pairs that overlap as they never should
     """
 
     h: float
@@ -61,12 +83,15 @@ class Arrival(NamedTuple):
     pose: Pose
     clearance: Vector
     handed_over: dict[int, tuple[int, int, int]]
+    too_deep: dict[tuple[int, int], float]
 
 
 def look_ahead(
-    graph: ConstraintGraph, path: Path, h: float, slowest: float
+    graph: ConstraintGraph, path: Path, h: float, slowest: float, allowed: float = np.inf
 ) -> tuple[Arrival, list[Hit], list[SlideOff]]:
     """The end of the path at h, and the earliest collisions and losses of support within it.
+
+    allowed : overlap that drift may leave [m]
 
     One compiled pass over all constraints and candidates says whether there is anything to look at.
     """
@@ -86,7 +111,8 @@ def look_ahead(
     pose = Pose(corners, centres, cosine, sine)
     handed_over, losses = edge_ends(graph, path, h, pose) if ended else ({}, [])
     hits = first_hits(graph, path, h, clearance, slowest) if hit else []
-    return Arrival(h, q, pose, clearance, handed_over), hits, losses
+    late, too_deep = late_hits(graph, path, h, pose, slowest, allowed)
+    return Arrival(h, q, pose, clearance, handed_over, too_deep), hits + late, losses
 
 
 def locate_zero(function: Callable[[float], float], h: float, f0: float, f1: float) -> float:
@@ -160,6 +186,46 @@ def first_hits(
     )
 
 
+def late_hits(
+    graph: ConstraintGraph, path: Path, h: float, pose: Pose, slowest: float, allowed: float
+) -> tuple[list[Hit], dict[tuple[int, int], float]]:
+    """Where parts that no constraint keeps apart come to overlap by more than `allowed` [m].
+
+    No corner tells of it: where edges cross, no corner of either part need be inside the other, and
+    a contact may have been lost or found on the wrong edge.  The axis along which the parts overlap
+    the least says what should have been in contact.
+
+    pose : that of path(h).  Returns also the pairs that overlap by `FAR_TOO_DEEP` times as much.
+    """
+    geometry, near = graph.geometry, graph.candidates
+    hits: list[Hit] = []
+    too_deep: dict[tuple[int, int], float] = {}
+    i = -1
+    while True:
+        i = next_overlap(
+            *(i + 1, near.pairs, allowed, path.velocity, path.curvature, h),
+            *(*pose, graph.active_set().place, geometry.part_first, geometry.part_size),
+            *(geometry.radius, geometry.corner_body, geometry.part_body, geometry.edge_normal),
+            *(geometry.edge_offset, geometry.edge_start, geometry.edge_length),
+        )
+        if i < 0:
+            return hits, too_deep
+        one, two = near.pairs[i].tolist()
+
+        def excess(step: float, one=one, two=two) -> float:
+            return geometry.overlap(geometry.pose(path(step)), one, two)[0] - allowed
+
+        before, after = excess(0.0), excess(h)
+        if after > (FAR_TOO_DEEP - 1) * allowed:
+            too_deep[one, two] = after + allowed
+        where = locate_zero(excess, h, before, after) if before < 0 < after else 0.0
+        there = geometry.pose(path(where))
+        place = geometry.overlap(there, one, two)[1]
+        speed = approach_speed(geometry, there, path.rate(where), *place)
+        if speed < -slowest and not graph.kept_out(there, *place):
+            hits.append(Hit(where, *place, late=True))
+
+
 def ends_a_slide(
     graph: ConstraintGraph, pose: Pose, v: Vector, corner: int, part: int, edge: int
 ) -> bool:
@@ -167,8 +233,7 @@ def ends_a_slide(
 
     With no drift the edge, which begins at the active corner, would be above the end until then,
     unless the bodies turn towards each other.  A corner that has sunk in takes it below before:
-    by the slide, for the larger part, and not by the turn.  One deeper than `contact_tol` would
-    have no `successor`.
+    by the slide, for the larger part, and not by the turn.
     """
     geometry, other = graph.geometry, int(graph.geometry.corner_part[corner])
     tips = [
@@ -189,8 +254,7 @@ def ends_a_slide(
             slip = float(column_speeds(columns.tangent, columns.bodies, v)[0])
             speed = float(column_speeds(columns.normal, columns.bodies, v)[1])
             sine = abs(float(cross(*columns.tangent[:, :2])))
-            sunk = -geometry.tolerance(corner, part) <= columns.phi[0] < 0
-            if sunk and 2 * sine * (-slip if end else slip) < speed:
+            if columns.phi[0] < 0 and 2 * sine * (-slip if end else slip) < speed:
                 return True
     return False
 
@@ -249,7 +313,8 @@ def successor(geometry: Geometry, pose: Pose, normal: Normal) -> tuple[int, int,
     """(corner, part, edge) that takes over where a corner slides off the end of its edge.
 
     The end of the edge is a corner, too, and is on an edge of the part that slid off; of two such
-    edges the best separating axis counts.  None on the ground, or where nothing touches any more.
+    edges the best separating axis counts.  What had sunk in still touches, however deep: drift
+    knows nothing of `contact_tol`.  None on the ground, or where nothing touches any more.
     """
     corner, part, edge = normal.place
     if geometry.part_body[part] == GROUND:
@@ -262,7 +327,8 @@ def successor(geometry: Geometry, pose: Pose, normal: Normal) -> tuple[int, int,
     edges = (number, (number - 1) % int(geometry.part_size[other]))
     line = max(edges, key=lambda e: (geometry.depth_below(pose, other, e, part), -e))
     on = geometry.columns_at(pose, np.array([(taker, other, line)]))
-    touches = abs(on.phi[0]) <= geometry.tolerance(corner, part)
+    wide, sunk = geometry.tolerance(corner, part), max(0.0, -float(columns.phi[0]))
+    touches = -(sunk + wide) <= on.phi[0] <= wide
     return (taker, other, line) if touches and not beyond_edge(on.along, on.length)[0] else None
 
 

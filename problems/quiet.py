@@ -98,6 +98,7 @@ class Quiet:
                 *(0.0, 0.0, 0.0, options.eps, options.drop_tol, options.h_max),
                 *(options.fixed_step or 0.0, options.rest_speed, 0.0),
                 stepper.graph.candidates.margin / 2,
+                stepper.allowed_overlap,
             ]
         )
 
@@ -128,6 +129,7 @@ class Quiet:
                 stepper.counts["rejected_steps"] += counts[REJECTED]
             if steps:
                 _follow(stepper, run, active, steps)
+                stepper.watch_progress()
             taken += steps
         self._event_is_next = taken > 0 and ended != LOOK
         return taken, _last_step(stepper, run) if ended == LOOK else None
@@ -175,6 +177,7 @@ class Quiet:
             part=near.part,
             level=near.level,
             free=near.free,
+            pairs=near.pairs,
             listed_at=near.listed_at,
             state=state,
             reals=reals,

@@ -23,8 +23,8 @@ MOST = 256
 Q, V, V_BEFORE, A, A_BEFORE = range(5)
 # entries of `QuietSteps.reals`: the time, the last step and the one wished for [s] …
 TIME, H, WISH = range(3)
-# … and what the stepper is set to
-EPS, DROP_TOL, H_MAX, FIXED, REST_SPEED, UNTIL, REACH = range(3, 10)
+# … and what the stepper is set to, the overlap that is allowed last [m]
+EPS, DROP_TOL, H_MAX, FIXED, REST_SPEED, UNTIL, REACH, ALLOWED = range(3, 11)
 # entries of `QuietSteps.counts`: steps since the last restart, steps taken, QPs solved, those of
 # them that belong to steps taken or rejected, highest order, why there were no more, time points
 # with λ, passes of friction at most (1: lagged), steps rejected because their error turned out too
@@ -46,7 +46,7 @@ class QuietSteps(NamedTuple):
 
     D : (3n,);  forces : (3n,) f;  eps0 : the accuracy asked of a QP (3.13)
     contacts : see there, multipliers and signs are updated
-    corner, part, level, free : (L,) the candidates themselves, updated
+    corner, part, level, free : (L,) the candidates themselves, updated;  pairs : (P, 2) their parts
     listed_at : (3n,) where the candidates were listed
     state, reals, counts : see the names above, updated
     track : (MOST, 1 + 6n) t, q, q̇ of every step;  gaps : (MOST,) min φ [m]
@@ -67,6 +67,7 @@ class QuietSteps(NamedTuple):
     part: Indices
     level: Vector
     free: NDArray[np.bool_]
+    pairs: Indices
     listed_at: Vector
     state: Vector
     reals: Vector

@@ -2,9 +2,10 @@
 
 Taken one by one from Python each costs a hundred times what its arithmetic does.  Here they are
 taken until something calls for the stepper (`problems.quiet`): a corner that crosses an edge or
-leaves one, a scheduled time, bodies that are still, a QP that is not solved, friction that stops,
-whose passes are many or whose gain is 1 or more (`problems.gain`).  Contacts that separate and
-friction that begins to slip, which restart nothing (step 4), are seen to on the way.
+leaves one, parts that overlap, a scheduled time, bodies that are still, a QP that is not solved,
+friction that stops, whose passes are many or whose gain is 1 or more (`problems.gain`).  Contacts
+that separate and friction that begins to slip, which restart nothing (step 4), are seen to on the
+way.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ from problems.multistep import REDONE, SHORTEST_STEP, STOP_TRIALS
 from problems.quiet_records import (
     A_BEFORE,
     AGAIN,
+    ALLOWED,
     CHANGED,
     CHANGES,
     COUNTED,
@@ -80,6 +82,7 @@ from problems.step_kernels import (
     fastest_body,
     largest_motion,
     miss,
+    next_overlap,
     path_end,
     separates,
     sink_levels,
@@ -359,6 +362,30 @@ def steady_steps(run, contacts, frictions, leaving, solve, S, I, eps0, mode):
                 spared = covered(c, p, place, shapes, origin)
                 if not (spared and covered(c, p, place, shapes, points)):
                     return mode
+        overlaps = next_overlap(
+            0,
+            run.pairs,
+            reals[ALLOWED],
+            state[V],
+            bend,
+            h,
+            points,
+            centres,
+            cosine,
+            sine,
+            place,
+            shapes.part_first,
+            shapes.part_size,
+            radius,
+            corner_body,
+            part_body,
+            normal,
+            offset,
+            start,
+            extent,
+        )
+        if overlaps >= 0:
+            return mode
         phi, g_N, g_F, bodies, along, length = contact_columns(
             points,
             centres,

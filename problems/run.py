@@ -26,8 +26,12 @@ EVENT_KINDS = (
     "force_jump",
     "drop",
     "hand_over",
+    "overlap",
     "rest",
 )
+"""jam: sliding friction whose gain is 1 or more has stopped contacts, and q̇ jumps; gain: there is
+such friction (`problems.gain`).  overlap: two parts overlap by more than drift may leave; what
+should have kept them apart was found late, or they overlap far too deep whatever keeps them now."""
 
 
 class Stretch(NamedTuple):

@@ -8,7 +8,14 @@ import numpy as np
 
 from problems.arena import numbers, zeros
 from problems.compiled import kernel
-from problems.contact_kernels import clearance_on_path, clearances, place_corners
+from problems.contact_kernels import (
+    clearance_on_path,
+    clearances,
+    column_speeds,
+    contact_columns,
+    least_overlap,
+    place_corners,
+)
 from problems.dips import ARRIVAL, MAX_HALVINGS, first_dip, floor_of
 
 ROUNDING = 1e-12
@@ -24,6 +31,9 @@ STOPPED = 0.01
 """A contact that slips slower than this, in ε, has stopped."""
 APPROACHING = 10.0
 """… and an active one that approaches faster than this was not what the QP says."""
+
+FAR_TOO_DEEP = 10.0
+"""Overlap of which a run tells, whatever holds the parts now, over what drift may leave."""
 
 AJAR = 10.0
 """A contact that is open by more than so many `contact_tol` is none any more, …"""
@@ -125,6 +135,68 @@ def enters(
         )[1]
         <= h
     )
+
+
+@kernel
+def next_overlap(
+    begin,
+    pairs,
+    allowed,
+    velocity,
+    curvature,
+    h,
+    corners,
+    centres,
+    cosine,
+    sine,
+    places,
+    first,
+    size,
+    radius,
+    corner_body,
+    part_body,
+    normal,
+    offset,
+    start,
+    length,
+):
+    """The first pair from `begin` on that should not overlap as it does at the end of a path.
+
+    pairs : (P, 2) parts that are near;  allowed : overlap that drift may leave [m]
+    velocity, curvature, h : those of the path;  corners, … : the pose at its end
+    places : (N, 3) of J_N
+
+    −1 where there is none.  A pair may overlap by more where a constraint of J_N is just there, or
+    where its parts leave each other; but not by `FAR_TOO_DEEP` times as much.
+    """
+    for i in range(begin, pairs.shape[0]):
+        one, two = pairs[i, 0], pairs[i, 1]
+        a, b = part_body[one], part_body[two]
+        if a >= 0 and b >= 0:
+            x, y = centres[a, 0] - centres[b, 0], centres[a, 1] - centres[b, 1]
+            reach = radius[a] + radius[b]
+            if x * x + y * y > reach * reach:
+                continue
+        depth, c, p, e = least_overlap(
+            *(corners, centres, cosine, sine, one, two, allowed),
+            *(first, size, part_body, normal, offset),
+        )
+        if depth < allowed:
+            continue
+        if depth >= FAR_TOO_DEEP * allowed:
+            return i
+        held = False
+        for j in range(places.shape[0]):
+            held |= places[j, 0] == c and places[j, 1] == p and places[j, 2] == e
+        if held:
+            continue
+        g_N, _, bodies = contact_columns(
+            *(corners, centres, cosine, sine, np.array([[c, p, e]]), corner_body, part_body),
+            *(normal, offset, start, length),
+        )[1:4]
+        if column_speeds(g_N, bodies, velocity + 2 * h * curvature)[0] < 0.0:
+            return i
+    return -1
 
 
 @kernel

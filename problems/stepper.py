@@ -59,7 +59,7 @@ from problems.quiet import LastStep
 from problems.run import Run
 from problems.scenes import Scene
 from problems.sequence import SimulationError, SolvesQPs
-from problems.step_kernels import fastest_body, stopping_lengths
+from problems.step_kernels import FAR_TOO_DEEP, fastest_body, stopping_lengths
 from problems.transitions import Transitions
 from problems.velocity import STUCK, VelocityStep
 
@@ -147,8 +147,10 @@ class Stepper(Transitions):
         Where a scene begins with a state of another run, φ has drifted: what overlaps by no more
         than the `contact_tol` of its parts touches.
 
-        Raises ValueError, with the pair and the depth, where parts overlap by more.
+        Raises ValueError, with the pair and the depth, where parts overlap by more, and where a
+        body is too small or too large for the tolerances.
         """
+        self._check_sizes()
         geometry = self.graph.geometry
         pose = geometry.pose(self.q)
         for pair in geometry.near_pairs(pose, 0.0):
@@ -176,8 +178,31 @@ class Stepper(Transitions):
             self._drop_separating(assembly, assembly.gap_speed(self.history.v))
             self._sort_frictions(Assembly(self.graph, self.q), self.history.v)
 
+    def _check_sizes(self) -> None:
+        """Raise ValueError for a body smaller than an overlap may be, or so large or far off that
+        its corners are rounded by more than a hundredth of what counts as touching.
+        """
+        least, centres = FAR_TOO_DEEP * self.allowed_overlap, self.scene.q0[:, :2]
+        for i, radius in enumerate(self.graph.geometry.radius):
+            far = float(np.abs(centres[i]).max() + radius)
+            if 2 * radius < least:
+                reason = (
+                    f"is {2 * radius:.3g} m across, and at eps = {self.options.eps:g} bodies may "
+                    f"overlap by {least:.3g} m; choose a smaller eps, or a smaller unit of length"
+                )
+            elif np.spacing(far) > TOUCH_TOL / 100:
+                reason = (
+                    f"reaches to {far:.3g} m from the origin, where places are rounded to "
+                    f"{np.spacing(far):.2g} m; what is within {TOUCH_TOL:g} m touches: choose a "
+                    "larger unit of length"
+                )
+            else:
+                continue
+            raise ValueError(f"scene {self.scene.name!r}: {self._body_name(i)} {reason}")
+
     def advance(self, end: float) -> None:
         """One accepted step, some quiet ones, or one event where no time passes."""
+        self.watch_progress()
         taken, last = self._quiet.take_steps(self, end)
         if taken:
             self._after_quiet_steps(taken, last)
@@ -193,7 +218,9 @@ class Stepper(Transitions):
         h = min(h_full, min(jump, end) - self.t)
         unsettled = redone = located = 0
         for _ in range(MAX_TRIES):
-            arrival, hits, losses = look_ahead(self.graph, path, h, self.slowest_approach)
+            arrival, hits, losses = look_ahead(
+                self.graph, path, h, self.slowest_approach, self.allowed_overlap
+            )
             if hits or losses:
                 h_event = min([*(hit.h for hit in hits), *(loss.h for loss in losses)])
                 hits = [hit for hit in hits if hit.h <= h_event + SAME_TIME]
@@ -203,7 +230,7 @@ class Stepper(Transitions):
                     return
                 if h_event < h:
                     h = h_event
-                    arrival, _, _ = look_ahead(self.graph, path, h, np.inf)
+                    arrival, _, _ = look_ahead(self.graph, path, h, np.inf, self.allowed_overlap)
             step = self._try_velocity(arrival, min(self.t + h, jump), signs, known)
             unsettled += not step.settled
             if not step.settled:
@@ -330,6 +357,7 @@ class Stepper(Transitions):
         if arrival.handed_over:
             self.graph.hand_over(arrival.handed_over)
         self.graph.candidates.note_clearances(arrival.clearance)
+        self._tell_of_overlaps(arrival.too_deep)
         gaps = step.assembly.columns.phi
         if self.options.drift == "projection":
             gaps = self._project(step)

@@ -15,6 +15,7 @@ from problems.bodies import mass_diagonal
 from problems.constraint_graph import ConstraintGraph, Contact, Normal
 from problems.contacts import Geometry, Pose, Shapes
 from problems.drift import closing_motion
+from problems.events import DRIFT_ALLOWED, LEAST_ALLOWED
 from problems.forces import Force
 from problems.gain import GainWatch
 from problems.multistep import SHORTEST_STEP, History
@@ -23,9 +24,11 @@ from problems.qp import Vector
 from problems.quiet import Quiet
 from problems.run import Event, Run, Stretch
 from problems.scenes import Scene
-from problems.sequence import QPSequence, SolvesQPs
+from problems.sequence import QPSequence, SimulationError, SolvesQPs
 from problems.velocity import NOTHING, VelocityEquations, VelocityStep
 
+MAX_CRAWL, CRAWLING = 20_000, 2e-8
+"""So many steps that are shorter than this on average [s]: the simulation gives up."""
 NO_ROWS = np.zeros(0, dtype=np.int64)
 
 
@@ -68,9 +71,12 @@ class System:
         self.lam_known = 0
         self.h_last = options.h_first
         self.slowest_approach = 1e-3 * options.drop_tol
+        self.allowed_overlap = max(DRIFT_ALLOWED * options.eps, LEAST_ALLOWED)
         self.counts = dict.fromkeys(("steps", "rejected_steps", "restarts", "impulses"), 0)
         self.event_log: list[Event] = []
         self._standstill = 0
+        self._looked_at = 0, 0.0  # steps and t when progress was last looked at
+        self._told: set[tuple[int, int]] = set()
         self._last: VelocityStep | None = None
         self.rest_since = np.inf
         self.stretches: list[Stretch] = []
@@ -112,6 +118,21 @@ class System:
         """
         ahead = bisect_right(self._times, self.t + SHORTEST_STEP)
         return self._times[ahead] if ahead < len(self._times) else inf
+
+    def watch_progress(self) -> None:
+        """Raise SimulationError where steps have become so short that there is no end to them."""
+        steps, t = self._looked_at
+        taken, passed = self.counts["steps"] - steps, self.t - t
+        if taken < MAX_CRAWL:
+            return
+        if self.options.fixed_step is None and passed < CRAWLING * taken:
+            b = int(np.argmax(self.D[::3]))
+            raise SimulationError(
+                f"t = {self.t:.6g}: the last {taken:,} steps were {passed / taken:.2g} s long; "
+                f"{self._body_name(b)}, of {self.D[3 * b] ** 2:.3g} kg, counts most in their error "
+                "(3.5): choose a larger eps, or a larger unit of mass"
+            )
+        self._looked_at = self.counts["steps"], self.t
 
     def _external_impulse(self, t: float) -> Vector:
         """F (3n,) of the impulses up to t [s] that have not acted yet."""

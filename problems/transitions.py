@@ -7,14 +7,18 @@ from numpy.typing import NDArray
 
 from problems.assembly import Assembly
 from problems.constraint_graph import Friction, Normal
-from problems.events import Hit, SlideOff, approach_speed, successor, touching
+from problems.contacts import Pose
+from problems.events import TOUCH_TOL, Hit, SlideOff, approach_speed, successor, touching
 from problems.impulses import solve_impulse
 from problems.qp import Vector
 from problems.sequence import SimulationError
-from problems.step_kernels import APPROACHING, separates
+from problems.step_kernels import APPROACHING, OPENING, separates
 from problems.system import System
 from problems.velocity import VelocityStep
 
+OPEN_FOR = 1e-3
+"""A gap that takes this long to open at `drop_tol` is one [s]; what is thrown up so fast and falls
+back has less of one."""
 MAX_STANDSTILL = 200
 """Events in a row without the time moving on before the simulation gives up."""
 
@@ -44,10 +48,14 @@ class Transitions(System):
         """
         pose = self.graph.geometry.pose(self.q)
         v_before = self.history.v
+        self._drop_opened()
+        for hit in hits:
+            if hit.late:
+                self._make_way(pose, hit)
         inserted = [
-            self._place_name((hit.corner, hit.part, hit.edge))
+            self._place_name(hit.place)
             for hit in hits
-            if self.graph.insert(pose, hit.corner, hit.part, hit.edge) is not None
+            if self.graph.insert(pose, *hit.place) is not None
         ]
         self._join_touching(v_before)
         while True:
@@ -77,11 +85,27 @@ class Transitions(System):
         self._restart(0)
         self._record()
 
+    def _make_way(self, pose: Pose, hit: Hit) -> None:
+        """Drop what stands for a contact that was missed, but is on another edge."""
+        depth, _ = self.graph.geometry.overlap(pose, *self.graph.pair_of(hit.corner, hit.part))
+        self._log("overlap", f"{self._place_name(hit.place)}, seen late: {depth:.3g} m")
+        for normal in self.graph.at(pose, hit.corner, hit.part):
+            self.drop(normal, self._clearance(pose, normal))
+
+    def _tell_of_overlaps(self, too_deep: dict[tuple[int, int], float]) -> None:
+        """Log pairs of parts that overlap far too deep, each pair once."""
+        bodies = self.graph.geometry.part_body
+        for pair, depth in too_deep.items():
+            if pair not in self._told:
+                self._told.add(pair)
+                names = [self._body_name(int(bodies[part])) for part in pair]
+                self._log("overlap", f"{names[0]} and {names[1]}: {depth:.3g} m")
+
     def _join_touching(self, v: Vector) -> bool:
         """Insert inactive corners that touch and approach with velocity v; whether any did."""
         pose = self.graph.geometry.pose(self.q)
         joined = [
-            self.graph.insert(pose, hit.corner, hit.part, hit.edge)
+            self.graph.insert(pose, *hit.place)
             for hit in touching(self.graph, self.q, v, self.slowest_approach)
         ]
         return any(normal is not None for normal in joined)
@@ -161,13 +185,26 @@ class Transitions(System):
         interior-point method's is never exactly 0.
         """
         wide = self.graph.geometry.tolerances(assembly.place)
-        leaving = np.flatnonzero(
-            separates(assembly.columns.phi, speed, self.options.drop_tol, wide)
-        )
-        if leaving.size == 0:
+        gap, threshold = assembly.columns.phi, self.options.drop_tol
+        self._drop(assembly, separates(gap, speed, threshold, wide))
+
+    def _drop_opened(self) -> None:
+        """Contacts that open, be it slower than `drop_tol`, and are open already leave J_N.
+
+        An impulse is not passed on across a gap: whether one is opened at 1.1 or at 0.9 `drop_tol`
+        when a body far below is hit would decide about the rest of the motion.
+        """
+        assembly, slow = Assembly(self.graph, self.q), self.options.drop_tol
+        opens = assembly.gap_speed(self.history.v) > OPENING * slow
+        is_open = assembly.columns.phi > max(TOUCH_TOL, OPEN_FOR * slow)
+        self._drop(assembly, opens & is_open)
+
+    def _drop(self, assembly: Assembly, leaving: NDArray[np.bool_]) -> None:
+        """These normals (N,) leave J_N, unless a tip has passed them."""
+        if not leaving.any():
             return
         geometry, pose = self.graph.geometry, self.graph.geometry.pose(self.q)
-        for normal in (assembly.normals[i] for i in leaving):
+        for normal in (assembly.normals[i] for i in np.flatnonzero(leaving)):
             gone = normal.row_id not in self.graph.normals
             if not (gone or geometry.past_tip(pose, *normal.place)):
                 self.drop(normal, self._clearance(pose, normal))

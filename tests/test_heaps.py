@@ -64,6 +64,19 @@ def test_jams_catch_contacts():
     assert run.counts["steps"] < 1000
 
 
+def test_impulses_with_friction_leave_nothing_to_jam():
+    """Those without leave wedged bodies sliding; at once, or in the step after, they jam."""
+    made = case(0, 37)
+    frictionless, rough = (
+        simulate(scene("rain", **{**made.parameters, "mu_I": mu_I}), lotstedt(), keep_qps=False)
+        for mu_I in (0.0, made.parameters["mu"])
+    )
+    jams = [event.t for event in frictionless.event_log if event.kind == "jam"]
+    struck = [event.t for event in frictionless.event_log if event.kind == "impulse"]
+    assert jams and all(min(t - s for s in struck if s <= t) < 2e-3 for t in jams)
+    assert "jam" not in {event.kind for event in rough.event_log}
+
+
 def test_a_case_is_the_same_again_from_its_file(tmp_path):
     made = case(0, 5)
     small = Case(made.scene, {**made.parameters, "bodies": 5, "end_time": 0.5}, {"eps": 2e-3})

@@ -243,3 +243,4 @@ def test_simulate_tells_of_gains(capsys) -> None:
     told = capsys.readouterr().out
     assert "events: 1 gain, 1 jam" in told
     assert "gain of friction, body 1 and the ground: γ = 1.2" in told
+    assert "jam: friction whose gain is 1 or more stops contacts at once" in told

@@ -154,6 +154,13 @@ def test_fig4_zigzags_with_friction_impulses():
     assert many > 5 * few
 
 
+def test_fig4_with_friction_impulses_is_near_its_limit():
+    """With ε = 1e-3 an impulse passed a gap of 11 µm; body 1 came to rest 5 cm from here."""
+    fine = simulate(scene("fig4", mu_I=0.8), lotstedt(), eps=5e-4, keep_qps=False)
+    found = scene_run("fig4", mu_I=0.8).q[-1]
+    np.testing.assert_allclose(found, fine.q[-1], rtol=0, atol=1e-2)
+
+
 def test_fig5_is_indeterminate_first_and_last_and_comes_to_rest():
     run = scene_run("fig5")
     assert run.event_log[-1].kind == "rest"
@@ -364,6 +371,42 @@ def test_overlapping_bodies_are_refused_with_the_depth():
 def test_a_body_in_the_ground_is_refused():
     with pytest.raises(ValueError, match=r"body 1 and the ground overlap by 0\.2 m"):
         simulate(one_box(y=0.3), lotstedt())
+
+
+@pytest.mark.parametrize(
+    ("size", "eps", "words"),
+    [
+        (1e-6, 1e-3, r"body 2 is 1\.41e-06 m across.*choose a smaller eps"),
+        (5e-3, 1e-3, r"body 2 is 0\.00707 m across"),
+        (1e7, 1e-3, r"body 2 reaches to .*e\+07 m.*choose a larger unit of length"),
+    ],
+)
+def test_a_body_of_a_size_that_the_tolerances_are_not_for_is_refused(size, eps, words):
+    """The small ones gained energy without a word, the large ones made steps of 1e-8 s."""
+    odd = Scene((box(1, 1), box(size, size)), [[0, 0.5, 0], [size, size, 0]], np.zeros((2, 3)))
+    with pytest.raises(ValueError, match=words):
+        simulate(odd, lotstedt(), eps=eps)
+
+
+@pytest.mark.parametrize("size", [0.01, 1e6])
+def test_bodies_of_many_sizes_are_not_refused(size):
+    lies = Scene((box(size, size),), [[0, size / 2, 0]], np.zeros((1, 3)), end_time=0.05)
+    assert simulate(lies, lotstedt()).t[-1] == pytest.approx(0.05)
+
+
+def test_an_impulse_is_not_passed_on_across_a_gap():
+    """Two boxes fall; they part more slowly than `drop_tol`, but are apart when one lands."""
+    falls = Scene(
+        bodies=(box(1, 1), box(1, 1)),
+        q0=[[0, 1.5, 0], [0, 2.5, 0]],
+        v0=[[0, 0, 0], [0, 5e-4, 0]],
+        end_time=0.6,
+    )
+    run = simulate(falls, lotstedt())
+    assert "drop" in [event.kind for event in run.event_log if event.t < 0.46]
+    landed = int(np.flatnonzero(np.diff(run.t) == 0)[0]) + 1
+    assert abs(run.v[landed, 0, 1]) < 1e-6 < 4 < -run.v[landed, 1, 1]
+    assert run.q[-1, 1, 1] == pytest.approx(1.5, abs=1e-3), "a moment later it is on the other"
 
 
 class Liar:
