@@ -5,6 +5,8 @@
 # make growth  time per QP against its size, up to 20,000 columns: results/growth, …/growth_piles
 # make bench   work counts against the committed baseline, then times as ratios
 # make test    all tests
+# make check   those that a person runs while working: under a minute, and it says what it leaves out
+# make rounding  the numerically delicate tests once more, rounded as on another processor
 # Each makes the virtual environment .venv first if it is missing; Python 3.11 or newer is needed.
 
 PYTHON ?= python3
@@ -15,7 +17,7 @@ INSTALLED := $(VENV)/.installed
 FRICTION := results/recordings/fig4.h5 results/recordings/fig5.h5
 SCENES := results/recordings/fig2.h5 results/recordings/fig3.h5 $(FRICTION)
 
-.PHONY: study quick publish campaigns peers growth bench test lint clean
+.PHONY: study quick publish campaigns peers growth bench test check rounding lint clean
 
 study: $(INSTALLED)
 	$(BIN)/glambda study
@@ -75,6 +77,12 @@ bench: $(INSTALLED)
 
 test: $(INSTALLED)
 	$(BIN)/python -m pytest -n auto
+
+check: $(INSTALLED)
+	$(BIN)/python -m pytest -n auto -m "not slow"
+
+rounding: $(INSTALLED)
+	$(BIN)/python benchmarks/processors.py --run another -m pytest -n auto -m rounding
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -2,6 +2,7 @@
 
     python benchmarks/processors.py                    the paper's scenes, seven environments
     python benchmarks/processors.py --scenes fig4      one of them
+    python benchmarks/processors.py --run another -m pytest -m rounding     any module, as one
 
 On one type of processor, with the same versions, the same command gives the same recording bit for
 bit.  On another one BLAS, NumPy and the compiled kernels sum in another order.  Each environment
@@ -44,15 +45,30 @@ from solvers import make_solver
 
 SCENES = ("fig2", "fig3", "fig4", "fig5")
 METHOD = "lotstedt"
+
+
+def dispatched() -> str:
+    """The vector instructions of this processor that NumPy can do without."""
+    from numpy._core import _multiarray_umath as umath
+
+    return " ".join(name for name in umath.__cpu_dispatch__ if umath.__cpu_features__[name])
+
+
 ENVIRONMENTS: dict[str, dict[str, str]] = {
-    "this processor": {},
-    "BLAS Nehalem": {"OPENBLAS_CORETYPE": "Nehalem"},
-    "BLAS Haswell": {"OPENBLAS_CORETYPE": "Haswell"},
-    "BLAS SkylakeX": {"OPENBLAS_CORETYPE": "SkylakeX"},
-    "BLAS Zen": {"OPENBLAS_CORETYPE": "Zen"},
-    "NumPy without AVX2": {"NPY_DISABLE_CPU_FEATURES": "AVX2 FMA3"},
-    "kernels generic": {"NUMBA_CPU_NAME": "generic"},
+    "this": {},
+    "nehalem": {"OPENBLAS_CORETYPE": "Nehalem"},
+    "haswell": {"OPENBLAS_CORETYPE": "Haswell"},
+    "skylakex": {"OPENBLAS_CORETYPE": "SkylakeX"},
+    "zen": {"OPENBLAS_CORETYPE": "Zen"},
+    "plain_numpy": {"NPY_DISABLE_CPU_FEATURES": dispatched()},
+    "generic_kernels": {"NUMBA_CPU_NAME": "generic"},
+    "another": {
+        "OPENBLAS_CORETYPE": "Nehalem",
+        "NPY_DISABLE_CPU_FEATURES": dispatched(),
+        "NUMBA_CPU_NAME": "generic",
+    },
 }
+"""By name, the variables of each.  A processor without AVX-512 dies of SkylakeX's instructions."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -60,8 +76,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--scenes", nargs="+", default=SCENES, metavar="SCENE")
+    parser.add_argument("--run", choices=[*ENVIRONMENTS], help="run `python ARGUMENTS…` so")
+    parser.add_argument("arguments", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
     parser.add_argument("--into", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
+    if options.run is not None:
+        variables = {**os.environ, **ENVIRONMENTS[options.run]}
+        return subprocess.run([sys.executable, *options.arguments], env=variables).returncode
     if options.into is not None:
         for name in options.scenes:
             run = simulate(scene(name), make_solver(METHOD))

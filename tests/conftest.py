@@ -1,13 +1,16 @@
 """The tests run as the command line does: one thread, asked for before numerical libraries load.
 
 They can be interrupted, and so can what they start, also where a shell began them in the background
-and had them ignore SIGINT.
+and had them ignore SIGINT.  Which modules `make check` leaves out, and which `make rounding` runs
+once more, is said here.
 """
 
 from __future__ import annotations
 
 import signal
+from collections.abc import Sequence
 
+import pytest
 from hypothesis import settings
 
 from harness.threads import ask_for_one_thread
@@ -16,3 +19,46 @@ ask_for_one_thread()
 signal.signal(signal.SIGINT, signal.default_int_handler)
 settings.register_profile("same", derandomize=True, deadline=None)
 settings.load_profile("same")
+
+SLOW = {
+    "they start, kill and wait for processes": (
+        "test_cheats test_cli test_closed_loop test_cluster test_disturbances test_isolation "
+        "test_kill test_plugins test_readme test_replay test_starts test_store test_streams"
+    ),
+    "they simulate for long": (
+        "test_benchmarks test_campaigns test_convergence test_criterion test_estimates "
+        "test_families test_growth test_heaps test_kept_factors test_minimum_norm_ways "
+        "test_motion_error test_painleve test_peers test_stability"
+    ),
+    "they try thousands of problems or files": (
+        "test_adapters test_certificates test_fuzz test_method_properties test_programs "
+        "test_proof test_same_force test_sparse_reference"
+    ),
+    "they draw": "test_page_figures test_reports",
+}
+"""Reason → modules."""
+ROUNDING = (
+    "test_active_set test_coulomb_lcp test_cycling_examples test_friction test_judge "
+    "test_minimum_norm test_newton_coulomb test_proof test_quiet_steps test_same_force "
+    "test_sparse_path test_stepper"
+)
+LEFT_OUT = "not slow"
+
+
+def pytest_collection_modifyitems(items: Sequence[pytest.Item]) -> None:
+    slow, delicate = set(" ".join(SLOW.values()).split()), set(ROUNDING.split())
+    for item in items:
+        if item.path.stem in slow:
+            item.add_marker(pytest.mark.slow)
+        if item.path.stem in delicate:
+            item.add_marker(pytest.mark.rounding)
+
+
+def pytest_terminal_summary(
+    terminalreporter: pytest.TerminalReporter, config: pytest.Config
+) -> None:
+    if config.option.markexpr == LEFT_OUT:
+        terminalreporter.section("left out by make check; make test runs them too")
+        for reason, modules in SLOW.items():
+            names = ", ".join(name.removeprefix("test_") for name in modules.split())
+            terminalreporter.line(f"{reason}: {names}")

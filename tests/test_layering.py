@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import ROUNDING, SLOW
+
 ROOT = Path(__file__).parents[1]
 MAY_IMPORT = {
     "problems": {"problems"},
@@ -100,3 +102,8 @@ def test_functions_of_the_interface_stay_functions_whichever_is_imported_first()
         "assert harness.judge is judge and Judgement.__module__ == 'harness.judge'\n"
     )
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
+
+
+def test_modules_that_are_left_out_or_run_once_more_exist() -> None:
+    known = {path.stem for path in (ROOT / "tests").rglob("test_*.py")}
+    assert {name for names in (*SLOW.values(), ROUNDING) for name in names.split()} <= known
