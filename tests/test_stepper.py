@@ -16,6 +16,7 @@ from problems.qp import Solution, Status
 from problems.run import EVENT_KINDS
 from problems.scenes import Scene
 from problems.sequence import SimulationError
+from problems.stepper import Stepper
 from solvers import make_solver
 from tests.runs import leaning_box, one_box, scene_run
 
@@ -386,6 +387,15 @@ def test_a_body_of_a_size_that_the_tolerances_are_not_for_is_refused(size, eps, 
     odd = Scene((box(1, 1), box(size, size)), [[0, 0.5, 0], [size, size, 0]], np.zeros((2, 3)))
     with pytest.raises(ValueError, match=words):
         simulate(odd, lotstedt(), eps=eps)
+
+
+def test_steps_that_have_become_too_short_end_the_simulation(monkeypatch):
+    """As they do for a body whose corners are rounded by more than what counts as touching."""
+    monkeypatch.setattr(Stepper, "_check_sizes", lambda _: None)
+    large = box(1e7, 1e7)
+    spins = Scene((large,), [[0, 5e6 + 0.1, 0]], [[1.0, 0, 1.0]], mu=0.5)
+    with pytest.raises(SimulationError, match=r"steps were .* long; body 1, of 1e\+14 kg, counts"):
+        simulate(spins, lotstedt(), keep_qps=False)
 
 
 @pytest.mark.parametrize("size", [0.01, 1e6])
