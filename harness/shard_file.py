@@ -207,7 +207,7 @@ def read_shard(path: Path) -> StoredShard:
         if not np.array_equal(rows[name].to_numpy(), column, equal_nan=True):
             raise wrong(f"column {name} contradicts the times of the passes")
     check_rows(key.scene, rows, wrong)
-    check_times(passes, wrong)
+    check_times(passes, rows, wrong)
     return StoredShard(key, rows, passes)
 
 

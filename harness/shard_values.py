@@ -16,7 +16,7 @@ from harness.judge import VERDICTS
 from harness.recording import PROOFS
 from harness.sealed_parquet import Wrong
 from harness.starts import EVERY_ARM
-from problems.qp import KINDS, Status
+from problems.qp import KINDS, Status, Vector
 
 KNOWN = ("problem", "found", "step", "verdict")
 """Columns in which no value may be missing."""
@@ -70,7 +70,12 @@ def check_rows(scene: str, rows: pa.Table, wrong: Wrong) -> None:
             raise wrong(f"column {field.name} holds what is no count")
 
 
-def check_times(passes: np.ndarray, wrong: Wrong) -> None:
+def check_times(passes: Vector, rows: pa.Table, wrong: Wrong) -> None:
     """Raise `wrong(what)` for times (passes, n, times) [s] that no clock shows; NaN: not run."""
     if (passes < 0).any() or np.isinf(passes).any():
         raise wrong("holds a time that is negative or infinite")
+    verified = np.array(rows["verdict"].to_pylist()) == "verified"
+    if np.isnan(rows["runtime"].to_numpy()[verified]).any():
+        raise wrong("column runtime lacks the time of an answer that was verified")
+    if not np.isfinite(rows["t"].drop_null().to_numpy()).all():
+        raise wrong("column t holds what is no time of a motion")

@@ -211,7 +211,7 @@ def test_results_of_something_else_are_refused(tmp_path: Path) -> None:
         load_loop(tmp_path, replace(LOOP, until=0.5))
     path = loop_path(tmp_path, LOOP)
     path.write_bytes(path.read_bytes()[:-20])
-    with pytest.raises(StoreError, match="cannot be read"):
+    with pytest.raises(StoreError, match="seal is missing"):
         load_loop(tmp_path, LOOP)
 
 
