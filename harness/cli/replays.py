@@ -141,7 +141,7 @@ def verify(
     skipped = int(lines["skipped"].sum())
     typer.echo(
         f"{int(lines['solves'].sum())} answers of {len(names)} backends judged, {skipped} skipped, "
-        f"{int(lines['missed'].sum())} missed"
+        f"{int(lines['missed'].sum())} missed, {int(lines['undecided'].sum())} undecided"
     )
     if len(broken):
         console.print(misses_table(broken, "FAILED: more misses than expected"))
