@@ -42,7 +42,8 @@ from solvers import make_solver
 SCENES = (("fig3", 1.2), ("fig4", 0.6))
 """Scenes whose QPs a solver is given, and the ends of their motions [s]."""
 WRONG = ("claimed_wrong", "failed", "timeout", "crashed")
-"""Verdicts that a solver should not have; `inaccurate` is told, and `skipped` is its right."""
+"""Verdicts that a solver should not have; `inaccurate` and `undecided` are told, and
+`skipped` is its right."""
 TIME_LIMIT = 10.0
 """[s] per QP."""
 ALIKE = ("verdict", "status", "iterations", "glambda_error", "error_bound")

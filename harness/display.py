@@ -122,6 +122,7 @@ def proofs(references: Iterable[Reference | None]) -> str:
     words = {
         "exact": "proved in exact arithmetic",
         "bound": "within the error bound",
+        "nearby": "within the error bound of a QP that differs by rounding",
         "ill-posed": "within the error bound of an ill-posed QP",
         "none": "without a reference",
     }
@@ -184,11 +185,15 @@ def replay_table(rows: pd.DataFrame) -> Table:
                 len(done),
                 len(part) - len(done),
                 _share(int((done["verdict"] == "verified").sum()), len(done)),
+                int((done["verdict"] == "undecided").sum()),
                 _scientific(done["glambda_error"].max()),
                 _scientific(1e6 * done["runtime"].median(), "{:.1f}"),
             )
         )
-    columns = ("solver", "setting", "arm", ">solved", ">skipped", ">verified", ">max error", ">µs")
+    columns = (
+        *("solver", "setting", "arm", ">solved", ">skipped", ">verified", ">undecided"),
+        *(">max error", ">µs"),
+    )
     return table("Replayed (error: ‖A(x − x*)‖/scale; µs: median per QP)", columns, lines)
 
 

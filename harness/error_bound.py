@@ -19,13 +19,19 @@ Every x̄ and every admissible v give a bound; the least one found is kept.
 5. v = −r is always admissible and needs no S: the bound is then ‖r‖.
 
 r and Δ' are evaluated in `numpy.longdouble`, and what rounding can do to them is added to ‖v‖: for
-r as it is, for Δ' by the v that would undo it, ‖δ‖/σ_min(A_S).  `SLACK` covers the rest.
+r as it is, for Δ' by the v that would undo it.  What is left of Δ' on S is not taken for 0 but
+undone alike: Δ'_S = A_Sᵀ(r + v) is made 0 by a vector no longer than ‖Δ'_B‖/σ_min(A_B), B being
+columns of S that are proved to be independent and to span the others (`harness.span.Basis`).  So
+the bound holds for the recorded data as they are, whatever their condition; where no such B is
+proved, S is given up.  `SLACK` covers the rest.
 
-So it holds for the recorded data as they are, unless columns are dependent or nearly so.  Singular
-values below 1e-12 of the largest (1e-6 where A has many columns, `harness.span`) count as 0, and
-the bound is then of a QP whose A differs from the recorded one by as little.  That is as much as
-arithmetic of 64 bits can say: with σ = 1e-13 kept, ‖δ‖/σ_min is no longer small.  In exact
-arithmetic more can be said (`harness.proof`); `Facts.independent` tells which QPs need it.
+Columns may be dependent but for rounding: independent as they are recorded, with singular values
+of 1e-16.  No v is then known to be short, in arithmetic of 64 bits.  Two things can be done:
+
+6. The answer in exact arithmetic is sought (`harness.proof`), where it is had for little work; the
+   distance from it is the bound.
+7. With `nearby`, the bound is of another QP, in which singular values of A_S that are `NEARBY` at
+   most are 0.  That proves nothing of the recorded one; the oracle says so.
 """
 
 from __future__ import annotations
@@ -36,8 +42,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.facts import Facts, facts_of
-from harness.span import Span, span_of
-from problems.qp import ContactQP
+from harness.proof import Proof
+from harness.recording import Reference
+from harness.span import Span
+from problems.qp import ContactQP, Vector
 
 UNIT = float(np.finfo(np.longdouble).eps)
 TINY = 1e-7
@@ -47,6 +55,8 @@ SLACK = 1e-6
 """Relative error of σ_min(A_S), of ‖a_j‖ and of the norms taken, by which they are enlarged."""
 ROUND_UP = 1 + 1e-12
 """Makes up for the rounding of the last sums."""
+NEARBY = 1e-12
+"""Of columns of length 1, by which they may be moved where `nearby` is asked for."""
 MAX_GROWTH = 100
 """Times that a set of rows may grow before the trial is given up; each takes a factorization."""
 
@@ -54,41 +64,96 @@ Flags = NDArray[np.bool_]
 
 
 class _Spans:
-    """Spans of sets of columns of one QP; the last one is kept, for it is asked for again."""
+    """Spans of sets of columns of one QP; the last one is kept, for it is asked for again.
 
-    def __init__(self, facts: Facts) -> None:
-        self.columns = facts.unit_columns
+    nearby : whether columns near the span of others may count as in it
+    moved : how far columns were moved for it, over their units
+    gave_up : whether there was a set of which nothing is proved
+    """
+
+    def __init__(self, facts: Facts, nearby: bool) -> None:
+        self.facts, self.nearby = facts, nearby
+        self.moved, self.gave_up = 0.0, False
         self._last: tuple[Flags, Span] | None = None
 
     def __call__(self, S: Flags) -> Span:
         if self._last is None or not np.array_equal(self._last[0], S):
-            self._last = S.copy(), span_of(self.columns[:, S])
+            self._last = S.copy(), self.facts.span(S)
         return self._last[1]
 
+    def undoing(self, S: Flags, slack: np.ndarray) -> np.longdouble:
+        """‖w‖ at most, of a w with |A_Sᵀ w| ≤ `slack` (k,) where that has one; inf if unknown."""
+        S = S & self.facts.pushes
+        span = self(S)
+        B, flatness = np.ones(S.sum(), bool), 0.0
+        if self.nearby:
+            if span.nearby.gap <= NEARBY:
+                flatness = span.nearby.flatness
+                self.moved = max(self.moved, span.nearby.gap)
+        elif span.basis is not None:
+            B, flatness = span.basis.columns, span.basis.flatness
+        if flatness == 0.0:
+            self.gave_up = True
+            return np.longdouble(np.inf)
+        inside = slack[S][B] / self.facts.units[S][B]
+        return np.linalg.norm(inside) / flatness * (1 + SLACK)
 
-def error_bound(qp: ContactQP, x: np.ndarray, facts: Facts | None = None) -> float:
+
+def error_bound(
+    qp: ContactQP,
+    x: np.ndarray,
+    facts: Facts | None = None,
+    *,
+    nearby: bool = False,
+    known: Reference | Proof | None = None,
+) -> float:
     """Bound on ‖A(x − x*)‖; inf for an x that is not finite.
 
     x : (k,) float64, or longdouble where more digits are known
     facts : of this QP, if they are at hand
+    nearby : be content with a QP that differs by rounding (list of the module, 7)
+    known : the exact answer, if it is at hand (list of the module, 6)
     """
     facts = facts or facts_of(qp)
     x = np.asarray(x)
     if x.shape != (qp.k,) or not np.isfinite(x).all():
         return float("inf")
-    best, spans = np.inf, _Spans(facts)
+    best, spans = np.longdouble(np.inf), _Spans(facts, nearby)
     for inside in _candidates(facts, x):
         way = x - inside
-        moved = float(np.linalg.norm(facts.A @ way))
-        moved += float(np.linalg.norm(_rounding(facts, np.abs(way))))
+        moved = np.linalg.norm(facts.A @ way) + np.linalg.norm(_rounding(facts, np.abs(way)))
         if moved < best:
             best = min(best, moved + _bound_at(facts, spans, inside, best - moved))
-    return best * ROUND_UP
+    if spans.gave_up and not nearby:
+        exact = known or facts.proof
+        if exact is not None:
+            off, rounding = distance(facts, x, exact.Ax)
+            best = min(best, np.longdouble(off + rounding + exact.error_bound))
+    return upward(best)
+
+
+def upward(bound: np.longdouble) -> float:
+    """A float64 that is no less than a sum of few terms; inf where it is no number."""
+    enlarged = float(bound * ROUND_UP)
+    # what is below the least float64 must not become 0
+    return np.inf if np.isnan(enlarged) else float(np.nextafter(enlarged, np.inf)) * (bound > 0)
+
+
+def distance(facts: Facts, x: np.ndarray, Ax: Vector) -> tuple[np.longdouble, np.longdouble]:
+    """‖A x − Ax‖ in extended precision, and what rounding can have done to it."""
+    off = facts.A @ x - Ax
+    lost = _rounding(facts, np.abs(x), np.abs(Ax))
+    return np.linalg.norm(off), np.linalg.norm(lost)
 
 
 def _rounding(facts: Facts, x: np.ndarray, d: np.ndarray | float = 0.0) -> np.ndarray:
     """What rounding can do to A x + d, of |x| and |d|.  (m,)"""
     return (facts.row_terms + 2) * UNIT * (facts.absolute @ x + d)
+
+
+def rounding_of(facts: Facts, x: np.ndarray) -> np.ndarray:
+    """What rounding can do to A x + d, (m,)."""
+    return _rounding(facts, np.abs(x), np.abs(facts.d))
 
 
 def _candidates(facts: Facts, x: np.ndarray) -> Iterator[np.ndarray]:
@@ -97,7 +162,7 @@ def _candidates(facts: Facts, x: np.ndarray) -> Iterator[np.ndarray]:
     inside = np.clip(x.astype(np.longdouble), lower, upper)
     yield inside
     gradient = facts.A.T @ (facts.A @ inside + facts.d)
-    target = inside - gradient / facts.norms**2
+    target = inside - gradient / facts.norms / facts.norms
     tiny = TINY * np.abs(inside).max(initial=0.0)
     seen = [inside]
     for low, high in (
@@ -110,16 +175,16 @@ def _candidates(facts: Facts, x: np.ndarray) -> Iterator[np.ndarray]:
             yield snapped
 
 
-def _bound_at(facts: Facts, spans: _Spans, x: np.ndarray, enough: float) -> float:
+def _bound_at(facts: Facts, spans: _Spans, x: np.ndarray, enough: np.longdouble) -> np.longdouble:
     """Least bound over a few S at one x within its bounds.
 
     enough : do not go on once the bound cannot improve on this
     """
     qp, A = facts.qp, facts.A
     r = A @ x + facts.d
-    lost = float(np.linalg.norm(_rounding(facts, np.abs(x), np.abs(facts.d))))
-    best = float(np.linalg.norm(r)) + lost
-    free = (x > qp.lower) & (x < qp.upper)
+    lost = np.linalg.norm(rounding_of(facts, x))
+    best = np.linalg.norm(r) + lost
+    free = (x > qp.lower) & (x < qp.upper) & facts.pushes
     for S, all_signs in ((free, True), (np.zeros_like(free), False)):
         bound = lost + _bound_on(facts, spans, x, r, S, all_signs)
         best = min(best, bound)
@@ -130,7 +195,7 @@ def _bound_at(facts: Facts, spans: _Spans, x: np.ndarray, enough: float) -> floa
 
 def _bound_on(
     facts: Facts, spans: _Spans, x: np.ndarray, r: np.ndarray, S: Flags, all_signs: bool
-) -> float:
+) -> np.longdouble:
     """Bound with v = −(A_Sᵀ)⁺Δ_S, S enlarged until v is admissible; inf if it never is.
 
     all_signs : enlarge S further until every row at a bound has its sign, which makes g = 0
@@ -153,8 +218,12 @@ def _bound_on(
             break
         S = S | bad
     else:
-        return float("inf")
-    return _evaluate(facts, spans, x, v, A.T @ (r + v), margin)
+        return np.longdouble(np.inf)
+    gradient = A.T @ (r + v)
+    bound, grew = _evaluate(facts, spans, x, v, S, gradient, margin, True)
+    if grew:
+        bound = min(bound, _evaluate(facts, spans, x, v, S, gradient, margin, False)[0])
+    return bound
 
 
 def _evaluate(
@@ -162,42 +231,50 @@ def _evaluate(
     spans: _Spans,
     x: np.ndarray,
     v: np.ndarray,
+    S: Flags,
     gradient: np.ndarray,
     margin: np.ndarray,
-) -> float:
+    all_unsure: bool,
+) -> tuple[np.longdouble, bool]:
     """½(‖v‖ + √(‖v‖² + 4g)) with the rounding of Δ' on either side of its sign.
 
-    Gradients that are 0 but for rounding are made 0 by a small addition w to v: on an unbounded
-    side their sign must hold, on a bounded one √g would blow 1e-16 up to 1e-8.  It moves the other
-    gradients by up to ‖a_j‖‖w‖, which may make more of them uncertain.
+    Gradients that are 0 but for rounding, and what is left of those of S, are made 0 by a small
+    addition w to v: on an unbounded side their sign must hold, on a bounded one √g would blow 1e-16
+    up to 1e-8.  It moves the other gradients by up to ‖a_j‖‖w‖, which may make more of them
+    uncertain, and so on without end.
+
+    all_unsure : make all of them 0, and not only those of S and of unbounded sides; also returns
+        whether that made a difference
     """
     qp, norms = facts.qp, facts.norms
     no_upper, no_lower = np.isinf(qp.upper), np.isinf(qp.lower)
     unsure = np.zeros(qp.k, bool)
-    undo = 0.0
+    undo, most = np.longdouble(0.0), np.linalg.norm(v) + np.linalg.norm(facts.A @ x + facts.d)
+    grew = False
     for _ in range(min(qp.k + 1, MAX_GROWTH)):
         reach = margin + norms * undo
-        more = (
-            (np.abs(gradient) <= reach)
-            | (no_upper & (gradient < reach))
-            | (no_lower & (gradient > -reach))
-        )
+        more = S | (no_upper & (gradient < reach)) | (no_lower & (gradient > -reach))
+        if all_unsure:
+            some = np.abs(gradient) <= reach
+            grew |= bool((some & ~more).any())
+            more |= some
         if not (more & ~unsure).any():
             break
         unsure |= more
-        slack = (np.abs(gradient) + margin)[unsure]
-        # the least ‖w‖ with A_Sᵀ w = −slack, which is known to be consistent
-        undo = float(np.linalg.norm(slack / norms[unsure])) / spans(unsure).least_singular_value
-        undo *= 1 + SLACK
+        undo = spans.undoing(unsure, np.abs(gradient) + margin)
+        if not undo < most:
+            return np.longdouble(np.inf), grew
     else:
-        return float("inf")
+        return np.longdouble(np.inf), grew
     below = np.where(no_lower, 0.0, x - np.where(no_lower, 0.0, qp.lower))
     above = np.where(no_upper, 0.0, np.where(no_upper, 0.0, qp.upper) - x)
     # An uncertain row adds nothing to g: its gradient is 0 once w is added.
     down = np.where(unsure, 0.0, np.maximum(gradient + reach, 0.0)) @ below
     up = np.where(unsure, 0.0, np.maximum(reach - gradient, 0.0)) @ above
-    size, g = float(np.linalg.norm(v)) + undo, float(down + up)
-    return 0.5 * (size + float(np.sqrt(size * size + 4.0 * g)))
+    size, g = np.linalg.norm(v) + undo, down + up
+    if spans.moved > 0:
+        size += 2 * spans.moved * np.linalg.norm(facts.units * np.abs(x), 1)
+    return 0.5 * (size + np.hypot(size, 2 * np.sqrt(g))), grew
 
 
 def _least_correction(facts: Facts, spans: _Spans, r: np.ndarray, S: Flags) -> np.ndarray:
@@ -206,8 +283,8 @@ def _least_correction(facts: Facts, spans: _Spans, r: np.ndarray, S: Flags) -> n
     if not S.any():
         return v
     span = spans(S)
-    A_S, norms = facts.A[:, S], facts.norms[S]
+    A_S, units = facts.A[:, S], facts.units[S]
     for _ in range(span.passes):
-        gradient = np.asarray((A_S.T @ (r + v)) / norms, float)
+        gradient = np.asarray((A_S.T @ (r + v)) / units, float)
         v = v - span.correction(gradient)
     return v

@@ -18,9 +18,11 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
+from scipy.optimize import linprog
 
 from harness.contact_rows import ContactRows, contact_rows
-from harness.span import SparseSpan
+from harness.proof import Proof, prove
+from harness.span import Flags, Span, SparseSpan, span_of
 from problems.minimum_norm import surely_independent
 from problems.qp import ContactQP, Matrix, Vector
 
@@ -37,6 +39,10 @@ DENSE_COLUMNS = 60
 """QPs of more columns are treated as sparse, here, by the error bound and by the oracle."""
 RANK_COLUMNS = 1000
 """The rank of QPs of more columns is not determined."""
+MODEST = 2_000_000
+"""Work (`harness.proof`) that is not asked whether it is worth it."""
+POINTED = 1e-6
+"""Least t of `Facts.pointed`, far above rounding."""
 UNKNOWN = -1
 """Rank of a QP whose rank is not determined."""
 
@@ -49,7 +55,8 @@ class Facts:
     scale : ‖A A⁺ d‖, unit of `glambda_error`
     A, d : in `numpy.longdouble`, which holds float64 exactly
     norms : (k,) lengths of the columns, 1 for a column of zeros
-    unit_columns : A with columns of length 1, so that rank is not a matter of units
+    units : (k,) powers of two, from once to twice as long
+    unit_columns : A over `units`, so that rank is not a matter of units, nor of rounding
     row_terms, column_terms : the most products that an entry of A x, of Aᵀ r is a sum of
 
     A and unit_columns are dense up to `DENSE_COLUMNS` columns, else in CSC.
@@ -61,6 +68,7 @@ class Facts:
     A: np.ndarray
     d: np.ndarray
     norms: Vector
+    units: Vector
     unit_columns: Matrix
     row_terms: int
     column_terms: int
@@ -80,10 +88,55 @@ class Facts:
         """|A|, entry by entry."""
         return abs(self.A)
 
+    def span(self, S: Flags) -> Span:
+        """The span of the columns S (k,), over their units."""
+        rows = np.flatnonzero(S)
+        return span_of(self.unit_columns[:, rows], lambda some: self.qp.A[:, rows[some]])
+
+    @cached_property
+    def pushes(self) -> Flags:
+        """(k,) which columns are not zeros."""
+        return np.asarray(self.absolute.sum(axis=0) > 0).ravel()
+
+    @cached_property
+    def proof(self) -> Proof | None:
+        """The exact answer, where it can be had for little work."""
+        return prove(self.qp, np.zeros(self.qp.k), MODEST) if self.qp.k <= DENSE_COLUMNS else None
+
     @cached_property
     def independent(self) -> bool:
         """Whether the columns of A are independent by far more than rounding."""
         return surely_independent(self.unit_columns)
+
+    @cached_property
+    def pointed(self) -> bool:
+        """Whether no forces that change nothing can be added to others without end.
+
+        It holds if some y has a_jᵀy > 0 for x_j that are bounded from below only and < 0 for those
+        bounded from above only, and 0 for those unbounded, whose columns are independent: then
+        A z = 0 and yᵀA z = 0 leave no such z but 0.
+        """
+        no_lower, no_upper = np.isinf(self.qp.lower), np.isinf(self.qp.upper)
+        both = no_lower & no_upper
+        basis = self.span(both).basis
+        if both.any() and (basis is None or not basis.columns.all()):
+            return False
+        side = np.where(no_upper, 1.0, 0.0) - np.where(no_lower, 1.0, 0.0)
+        one, C = np.flatnonzero(side), sp.csc_array(self.unit_columns)
+        # the largest t ≤ 1 with ±a_jᵀy ≥ t, |y| ≤ 1
+        rows = sp.hstack([-(C[:, one] * side[one]).T, np.ones((one.size, 1))], format="csr")
+        still = sp.hstack([C[:, np.flatnonzero(both)].T, np.zeros((both.sum(), 1))], format="csr")
+        m = self.qp.m
+        found = linprog(
+            np.append(np.zeros(m), -1.0),
+            A_ub=rows if one.size else None,
+            b_ub=np.zeros(one.size) if one.size else None,
+            A_eq=still if both.any() else None,
+            b_eq=np.zeros(int(both.sum())) if both.any() else None,
+            bounds=[(-1.0, 1.0)] * m + [(0.0, 1.0)],
+            method="highs",
+        )
+        return bool(found.status == 0 and found.x[-1] > POINTED)
 
     def asked(self, setting: str) -> float:
         """Accuracy in ‖A δx‖ that a setting asks for, or that `default` is judged by.
@@ -137,17 +190,19 @@ def rank_of(qp: ContactQP) -> int:
 
 def _dense_facts(qp: ContactQP) -> Facts:
     A = qp.dense_A
-    norms = np.linalg.norm(A, axis=0)
-    norms[norms == 0] = 1.0
-    unit_columns = A / norms
+    largest = np.abs(A).max(axis=0, initial=0.0)
+    norms, units = _lengths(largest, np.linalg.norm(A / _powers(largest), axis=0))
+    unit_columns = A / units
     basis, sigma, _ = np.linalg.svd(unit_columns, full_matrices=False)
+    size, direction = _split(qp.d)
     return Facts(
         qp=qp,
         rank=rank_of(qp),
-        scale=_scale(qp, float(np.linalg.norm(basis[:, : _rank(sigma)].T @ qp.d))),
+        scale=_scale(size, float(np.linalg.norm(basis[:, : _rank(sigma)].T @ direction))),
         A=A.astype(np.longdouble),
         d=qp.d.astype(np.longdouble),
         norms=norms,
+        units=units,
         unit_columns=unit_columns,
         row_terms=qp.k,
         column_terms=qp.m,
@@ -156,30 +211,52 @@ def _dense_facts(qp: ContactQP) -> Facts:
 
 def _sparse_facts(qp: ContactQP) -> Facts:
     A = sp.csc_array(qp.A)
-    norms = sp.linalg.norm(A, axis=0)
-    norms[norms == 0] = 1.0
-    unit_columns = sp.csc_array(A / norms)
+    largest = abs(A).max(axis=0).toarray().ravel()
+    norms, units = _lengths(largest, sp.linalg.norm(sp.csc_array(A / _powers(largest)), axis=0))
+    unit_columns = sp.csc_array(A / units)
+    size, direction = _split(qp.d)
     span = SparseSpan(unit_columns)
     moved = np.zeros(qp.m)
     for _ in range(span.passes):
-        moved += span.correction(unit_columns.T @ (qp.d - moved))
+        moved += span.correction(unit_columns.T @ (direction - moved))
     return Facts(
         qp=qp,
         rank=rank_of(qp),
-        scale=_scale(qp, float(np.linalg.norm(moved))),
+        scale=_scale(size, float(np.linalg.norm(moved))),
         A=A.astype(np.longdouble),
         d=qp.d.astype(np.longdouble),
         norms=norms,
+        units=units,
         unit_columns=unit_columns,
         row_terms=int(np.diff(A.tocsr().indptr).max(initial=0)),
         column_terms=int(np.diff(A.indptr).max(initial=0)),
     )
 
 
-def _scale(qp: ContactQP, moved: float) -> float:
-    """`moved` = ‖A A⁺ d‖, unless it is rounding of d."""
-    size = float(np.linalg.norm(qp.d))
-    return (size or 1.0) if moved <= NOISE * size or moved == 0.0 else moved
+def _powers(values: Vector) -> Vector:
+    """The powers of two next above `values` > 0; 1 for a 0."""
+    return np.where(values > 0, np.ldexp(1.0, np.frexp(values)[1]), 1.0)
+
+
+def _lengths(largest: Vector, relative: Vector) -> tuple[Vector, Vector]:
+    """Lengths and units of columns, of their largest entries and of lengths over `_powers` of it.
+
+    No square is taken of a number that is far from 1, so that none underflows.
+    """
+    norms = np.where(relative > 0, relative * _powers(largest), 1.0)
+    return norms, _powers(norms)
+
+
+def _split(d: Vector) -> tuple[float, Vector]:
+    """‖d‖, and d over it; 0 and d where it is 0."""
+    power = float(_powers(np.abs(d).max(initial=0.0, keepdims=True))[0])
+    size = float(np.linalg.norm(d / power))
+    return size * power, d / power / (size or 1.0)
+
+
+def _scale(size: float, moved: float) -> float:
+    """‖d‖ = `size` times `moved` = ‖A A⁺ d‖/‖d‖, unless that is rounding."""
+    return (size or 1.0) if moved <= NOISE or size * moved == 0.0 else size * moved
 
 
 def _rank(sigma: np.ndarray) -> int:

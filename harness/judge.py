@@ -9,17 +9,25 @@
 2. `error_bound` (`harness.error_bound`) on ‖A(x − x*)‖, which needs no reference.
 3. With a reference (`harness.oracle`): the error ‖A(x − x*)‖, relative to the scale of the QP
    (`glambda_error`) and to the accuracy that the stepper needs (`eps0_ratio`).
-   A reference that is proved makes `error_bound` no less than the error, whatever columns do.
+   What it rests on is `Reference.proof`, which rows hold.
 4. The laws of contact in SI units (`harness.physics`).
 5. The verdict, from e and the accuracy asked.  e is the greatest of the error in A x (the bound
-   where no reference was accepted), of ‖a_i‖ times the violation of a bound, so that no A x is
-   bought with forces that contacts cannot give, and of u ‖|A||x|‖ with u = 2⁻⁵³, so that no x is
-   taken whose A x is lost to whoever evaluates it in float64:
+   where there is no reference, or one that is known not to be that of the recorded data), of ‖a_i‖
+   times the violation of a bound, so that no A x is bought with forces that contacts cannot give,
+   and of u ‖|A||x|‖ with u = 2⁻⁵³, so that no x is taken whose A x is lost to whoever evaluates it
+   in float64:
 
        verified       e ≤ 10 × asked
-       inaccurate     e ≤ 1000 × asked
-       claimed_wrong  beyond, and the solver said that it had succeeded
-       failed         beyond, and it did not; or no x, or an x that is not finite
+       inaccurate     beyond, and the reference is proved
+       claimed_wrong  the error or the violation is proved to be beyond 1000 × asked, and the solver
+                      said that it had succeeded
+       failed         likewise, and it did not; or no x, or an x that is not finite
+       undecided      nothing of this is known
+
+   Upper bounds prove nothing wrong.  Neither the error bound nor u ‖|A||x|‖ makes an answer
+   inaccurate or wrong; a proved reference does, and a violation of bounds.  So does a point within
+   the bounds whose objective is lower than x's by more than an error of that size allows: that is
+   what a reference is good for that is not proved.
 """
 
 from __future__ import annotations
@@ -29,7 +37,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from harness.error_bound import ROUND_UP, error_bound
+from harness.error_bound import ROUND_UP, error_bound, rounding_of
 from harness.facts import Facts, facts_of
 from harness.oracle import UNIT_ROUNDOFF
 from harness.oracle import reference as find_reference
@@ -44,6 +52,7 @@ WRONG_BEYOND = 1000.0
 VERDICTS = (
     "verified",
     "inaccurate",
+    "undecided",
     "claimed_wrong",
     "failed",
     "timeout",
@@ -135,23 +144,29 @@ def _judge(
 ) -> Judgement:
     if reference is None and seek_reference:
         reference = find_reference(qp, facts, start=x)
-    bound = error_bound(qp, x, facts)
+    exact = reference if reference is not None and reference.proof == "exact" else None
+    bound = error_bound(qp, x, facts, known=exact)
     primal, dual, gap = kkt_residuals(qp, x)
-    error, against = bound, {}
+    violated, rounding = _unfit(facts, x)
+    error, proved, against = bound, violated, {}
     if reference is not None:
         # Extended precision, so that no digits of A x are lost to cancellation.
-        error = float(np.linalg.norm(facts.A @ x - reference.Ax))
-        if reference.proof == "exact":
-            bound = max(bound, (error + reference.error_bound) * ROUND_UP)
+        off = _number(np.linalg.norm(facts.A @ x - reference.Ax))
+        if exact is not None:  # no row says less than what it says itself of the error
+            bound = max(bound, (off + reference.error_bound) * ROUND_UP)
+        if reference.proof != "ill-posed":  # where the recorded data have another answer
+            error = off
+        proved = max(violated, off if reference.proved else _at_least(facts, x, reference))
         against = {
-            "glambda_error": error / facts.scale,
-            "eps0_ratio": error / qp.eps0,
+            "glambda_error": off / facts.scale,
+            "eps0_ratio": off / qp.eps0,
             "objective_error": _objective_error(facts, x, reference),
             "lambda_distance": _lambda_distance(qp, x, reference),
         }
-    error = max(error, _unfit(facts, x))
+    error = max(error, violated, rounding)
+    decided = reference is not None and reference.proved
     return Judgement(
-        verdict=_verdict(error, asked, found),
+        verdict=_verdict(error, proved, asked, found, decided),
         error=error,
         asked=asked,
         error_bound=bound,
@@ -180,27 +195,50 @@ def kkt_residuals(qp: ContactQP, x: Vector) -> tuple[float, float, float]:
     return primal, float(np.abs(uncarried).max()), abs(float(gap))
 
 
-def _unfit(facts: Facts, x: Vector) -> float:
-    """How far x is from being an answer at all, whatever its A x: item 5, in the unit of A x."""
+def _unfit(facts: Facts, x: Vector) -> tuple[float, float]:
+    """How far x is from being an answer at all, whatever its A x, in the unit of A x (item 5).
+
+    Returns the violation of bounds, and what rounding to float64 can do to A x.
+    """
     beyond = np.maximum(np.maximum(facts.qp.lower - x, x - facts.qp.upper), 0.0)
-    violated = float((beyond * facts.norms).max(initial=0.0))
-    rounding = UNIT_ROUNDOFF * float(np.linalg.norm(facts.absolute @ np.abs(x)))
-    return max(violated, rounding)
+    violated = _number((beyond * facts.norms).max(initial=0.0))
+    return violated, _number(UNIT_ROUNDOFF * np.linalg.norm(facts.absolute @ np.abs(x)))
 
 
-def _verdict(error: float, asked: float, found: bool) -> str:
+def _number(value: np.floating) -> float:
+    """As a float64; inf for what has overflowed."""
+    return float("inf") if np.isnan(value) else float(value)
+
+
+def _at_least(facts: Facts, x: Vector, reference: Reference) -> float:
+    """Less than ‖A(x − x*)‖, from any y within the bounds whose objective is lower by D > 0.
+
+    With e = A(x − x*), D ≤ ½‖r‖² − ½‖r*‖² = ½‖e‖² + r*ᵀe ≤ ½‖e‖² + ‖r_y‖‖e‖, since ‖r*‖ ≤ ‖r_y‖.
+    """
+    y = reference.x
+    r, best = facts.A @ x + facts.d, facts.A @ y + facts.d
+    size = np.linalg.norm(best)
+    lost = rounding_of(facts, x) @ np.abs(r) + rounding_of(facts, y) @ np.abs(best)
+    drop = (r - best) @ (r + best) - 4 * lost
+    if not drop > 0:
+        return 0.0
+    return _number(drop / (size + np.sqrt(size * size + drop)) / ROUND_UP)
+
+
+def _verdict(error: float, proved: float, asked: float, found: bool, decided: bool) -> str:
+    """error : e, if no more is known;  proved : what it is at least;  decided : by a proof"""
     if error <= VERIFIED_WITHIN * asked:
         return "verified"
-    if error <= WRONG_BEYOND * asked:
-        return "inaccurate"
-    return "claimed_wrong" if found else "failed"
+    if proved > WRONG_BEYOND * asked:
+        return "claimed_wrong" if found else "failed"
+    return "inaccurate" if decided or proved > VERIFIED_WITHIN * asked else "undecided"
 
 
 def _objective_error(facts: Facts, x: Vector, reference: Reference) -> float:
     """(½‖r‖² − ½‖r*‖²)/(½ scale²) as ½(r − r*)ᵀ(r + r*), which does not cancel."""
     r = facts.A @ x + facts.d
     best = reference.Ax + facts.d
-    return float((r - best) @ (r + best)) / facts.scale**2
+    return float((r - best) / facts.scale @ ((r + best) / facts.scale))
 
 
 def _lambda_distance(qp: ContactQP, x: Vector, reference: Reference) -> float:

@@ -33,7 +33,13 @@ sparse factors, which starts from an answer that is to be proved or, without one
     c. Free rows beyond a bound go to it; rows at a bound with the wrong sign beyond rounding are
        freed.  Back to b until there are none.
 
-It need not end, nor be right where it does.  Steps 5 and 6 tell.
+    d. That need not end.  Where it does not, x is led downhill as in 1 to 4: rows are freed
+       together, or one by one where they throw each other back.
+
+It need not be right where it ends.  Steps 5 and 6 tell, in the order 6, 5.  Where neither says
+anything, columns may be dependent but for rounding.  The answer is then a reference if it is within
+the bound of a QP that differs by no more ("nearby"), and forces that change nothing cannot be added
+without end (`Facts.pointed`): a witness, but no proof.
 """
 
 from __future__ import annotations
@@ -41,9 +47,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from harness.error_bound import error_bound
+from harness.error_bound import distance, error_bound, upward
 from harness.facts import Facts, facts_of
-from harness.proof import Proof, prove
+from harness.proof import COLUMNS, MANY_COLUMNS, Proof, prove
 from harness.recording import Reference
 from harness.span import SparseSpan
 from problems.qp import ContactQP, Vector
@@ -59,6 +65,8 @@ FEW = 3
 """Solves with all columns that are worth it to prove an answer at once, without steps 1 to 4."""
 MAX_CHANGES = 50
 """Sets of free rows that the sparse method tries."""
+MAX_WALKS = 200
+"""Times that rows are freed in step d."""
 
 Flags = NDArray[np.bool_]
 
@@ -75,14 +83,22 @@ def reference(
     if start is not None:
         proof = prove(qp, start, FEW * qp.k**3)
         if proof is not None and _well_posed(facts, proof):
-            return _reference(facts, proof.x, proof.Ax, proof.radius, "exact")
+            return _reference(facts, proof.x, proof.Ax, proof.error_bound, "exact")
     found = _settle(facts, start) if facts.sparse else _active_set(facts)
     proof = prove(qp, np.asarray(found, float))
     if proof is None:
-        return _checked(facts, found, "bound")
+        known = _checked(facts, found, "bound")
+        if known is None and facts.pointed:
+            known = _checked(facts, found, "nearby")
+        if known is not None:
+            return known
+        if COLUMNS < qp.k <= MANY_COLUMNS:
+            proof = prove(qp, np.asarray(found, float), columns=MANY_COLUMNS)
+    if proof is None:
+        return None
     if not _well_posed(facts, proof):
         return _checked(facts, found, "ill-posed")
-    return _reference(facts, proof.x, proof.Ax, proof.radius, "exact")
+    return _reference(facts, proof.x, proof.Ax, proof.error_bound, "exact")
 
 
 def _well_posed(facts: Facts, proof: Proof) -> bool:
@@ -94,8 +110,9 @@ def _well_posed(facts: Facts, proof: Proof) -> bool:
 def _checked(facts: Facts, found: np.ndarray, proof: str) -> Reference | None:
     """Step 6, of an x in extended precision."""
     Ax = np.asarray(facts.A @ found, float)
-    rounded = float(np.linalg.norm(facts.A @ found - Ax))
-    bound = error_bound(facts.qp, found, facts) + rounded
+    bound = error_bound(facts.qp, found, facts, nearby=proof != "bound")
+    off, rounding = distance(facts, found, Ax)
+    bound = upward(np.longdouble(bound + off + rounding))
     if not bound <= ACCEPTED * facts.scale:
         return None
     return _reference(facts, np.asarray(found, float), Ax, bound, proof)
@@ -148,7 +165,7 @@ def _descend(facts: Facts, x: np.ndarray, free: Flags) -> bool:
         index = np.flatnonzero(free)
         columns = facts.unit_columns[:, index]
         r = np.asarray(facts.A @ x + facts.d, float)
-        p = np.linalg.lstsq(columns, -r, rcond=RANK_TOL)[0] / facts.norms[index]
+        p = np.linalg.lstsq(columns, -r, rcond=RANK_TOL)[0] / facts.units[index]
         room = np.where(p > 0, upper[index] - x[index], x[index] - lower[index])
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.where(p != 0, room / np.abs(p), np.inf)
@@ -169,52 +186,98 @@ def _refine(facts: Facts, x: np.ndarray, free: Flags) -> np.ndarray:
     if not free.any():
         return x
     refined = x.copy()
-    A, norms = facts.A[:, free], facts.norms[free]
+    A, units = facts.A[:, free], facts.units[free]
     _, sigma, Vt = np.linalg.svd(facts.unit_columns[:, free], full_matrices=False)
-    kept = sigma > RANK_TOL * sigma[0]
+    kept = sigma > RANK_TOL * sigma[:1]
     sigma, Vt = sigma[kept], Vt[kept]
     for _ in range(3):
-        gradient = np.asarray(A.T @ (facts.A @ refined + facts.d), float) / norms
-        refined[free] -= (Vt.T @ ((Vt @ gradient) / sigma**2)) / norms
+        gradient = np.asarray(A.T @ (facts.A @ refined + facts.d) / units, float)
+        refined[free] -= (Vt.T @ ((Vt @ gradient) / sigma**2)) / units
     return np.clip(refined, facts.qp.lower, facts.qp.upper)
 
 
 def _settle(facts: Facts, start: ArrayLike | None) -> np.ndarray:
     """x (k,) in extended precision where the primal-dual active-set method ended."""
     qp, A = facts.qp, facts.A
-    lower, upper, size = qp.lower, qp.upper, facts.absolute
+    lower, upper = qp.lower, qp.upper
     x = np.clip(np.zeros(qp.k) if start is None else np.asarray(start), lower, upper)
     x = x.astype(np.longdouble)
-    target = x - A.T @ (A @ x + facts.d) / facts.norms**2
+    target = x - A.T @ (A @ x + facts.d) / facts.norms / facts.norms
     low, high = target <= lower, target >= upper
     free = ~(low | high)
     for _ in range(MAX_CHANGES):
         x = np.where(low, lower, np.where(high, upper, x))
         x = _correct(facts, x, free)
-        r = A @ x + facts.d
-        gradient = A.T @ r
-        noise = ROUNDING * (size.T @ (size @ np.abs(x) + np.abs(facts.d)))
+        gradient, noise = _gradient(facts, x)
         low = (free & (x < lower)) | (~free & (x <= lower) & (gradient >= -noise))
         high = (free & (x > upper)) | (~free & (x >= upper) & (gradient <= noise))
         low |= lower == upper
         if np.array_equal(free, ~(low | high)):
-            break
+            return np.clip(x, lower, upper)
         free = ~(low | high)
-    return np.clip(x, lower, upper)
+    return _walk(facts, np.clip(x, lower, upper))
+
+
+def _gradient(facts: Facts, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Δ, and what of it is rounding."""
+    size = facts.absolute
+    noise = ROUNDING * (size.T @ (size @ np.abs(x) + np.abs(facts.d)))
+    return facts.A.T @ (facts.A @ x + facts.d), noise
+
+
+def _walk(facts: Facts, x: np.ndarray) -> np.ndarray:
+    """x (k,), within its bounds, led downhill until no row can gain (list of the module, d)."""
+    lower, upper = facts.qp.lower, facts.qp.upper
+    free, several = (x > lower) & (x < upper), True
+    for _ in range(MAX_WALKS):
+        x, moved = _downhill(facts, x, free)
+        gradient, noise = _gradient(facts, x)
+        free = (x > lower) & (x < upper)
+        gain = ((gradient < -noise) & (x < upper)) | ((gradient > noise) & (x > lower))
+        gain &= ~free
+        if not gain.any():
+            break
+        several = moved  # rows that are freed together may throw each other back
+        if not several:
+            gain = np.arange(x.size) == np.argmax(np.where(gain, np.abs(gradient), 0) / facts.norms)
+        free |= gain
+    return x
+
+
+def _downhill(facts: Facts, x: np.ndarray, free: Flags) -> tuple[np.ndarray, bool]:
+    """The least objective on free rows, less those that block on the way; whether x moved."""
+    lower, upper, moved = facts.qp.lower, facts.qp.upper, False
+    free = free.copy()
+    while free.any():
+        p = _correct(facts, x, free) - x
+        room = np.where(p > 0, upper - x, x - lower)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.where(p != 0, room / np.abs(p), np.inf)
+        step = min(np.longdouble(1.0), ratio.min())
+        # a longer step that is bent at the bounds may go further down, and drops many rows at once
+        ends = [np.clip(x + share * p, lower, upper) for share in (1.0, 0.3, step)]
+        best = min(ends, key=lambda end: float(np.linalg.norm(facts.A @ end + facts.d)))
+        moved = moved or not np.array_equal(best, x)
+        blocked = free & ((best <= lower) | (best >= upper)) & (ratio <= 1.0)
+        x = best
+        if step == 1.0:
+            break
+        free &= ~(blocked | (ratio <= step))
+    return x, moved
 
 
 def _correct(facts: Facts, x: np.ndarray, free: Flags) -> np.ndarray:
     """Newton's corrections on the free rows until Δ no longer shrinks."""
     if not free.any():
         return x
-    x, A, norms = x.copy(), facts.A[:, free], facts.norms[free]
+    x, A, units = x.copy(), facts.A[:, free], facts.units[free]
     span = SparseSpan(facts.unit_columns[:, free])
     before = np.inf
     for _ in range(span.passes):
-        gradient = np.asarray(A.T @ (facts.A @ x + facts.d), float) / norms
+        gradient = np.asarray(A.T @ (facts.A @ x + facts.d) / units, float)
         largest = float(np.abs(gradient).max())
         if not largest < 0.5 * before:
             break
         before = largest
-        x[free] -= span.coefficients(gradient) / norms
+        x[free] -= span.coefficients(gradient) / units
     return x

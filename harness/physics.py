@@ -89,8 +89,8 @@ def physics(
         physics_error=max(
             float((wrong / norms).max(initial=0.0)) / scale,
             float((beyond * norms).max(initial=0.0)) / scale,
-            work / scale**2,
-            0.0 if np.isnan(energy) else abs(energy) / scale**2,
+            work / scale / scale,
+            0.0 if np.isnan(objective_error) else 0.5 * abs(objective_error),
         ),
     )
 

@@ -22,15 +22,19 @@ arithmetic: 0.3 ms at k = 12, 0.4 s at k = 200.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 from flint import fmpq, fmpq_mat, fmpz, fmpz_mat, nmod_mat
 from numpy.typing import ArrayLike
 
-from problems.qp import ContactQP, Vector
+from problems.qp import ContactQP, Matrix, Vector
 
 COLUMNS = 200
-"""QPs of more columns are not tried."""
+"""QPs of more columns are not tried, unless asked for."""
+MANY_COLUMNS = 600
+"""QPs of more columns are not tried at all: their integers alone take seconds."""
 WORK = 20_000_000
 """Sum of |B|³ over all solves beyond which the proof is given up; some 0.5 s."""
 BITS = 256
@@ -43,22 +47,25 @@ PRIME = 2**64 - 59
 class Proof:
     """An answer in exact arithmetic, rounded.
 
-    x : (k,) within its bounds;  Ax : (m,);  radius : ‖Ax − A x*‖ is at most this, by rounding alone
+    x : (k,) within its bounds;  Ax : (m,);  error_bound : ‖Ax − A x*‖ is at most this, by rounding
     exchanges : rows that became or stopped being free on the way from the candidate
     """
 
     x: Vector
     Ax: Vector
-    radius: float
+    error_bound: float
     exchanges: int
 
 
-def prove(qp: ContactQP, candidate: ArrayLike, work: float = WORK) -> Proof | None:
+def prove(
+    qp: ContactQP, candidate: ArrayLike, work: float = WORK, columns: int | None = None
+) -> Proof | None:
     """The exact answer, sought from a `candidate` (k,); None where it takes too much work.
 
-    Also None for more than `COLUMNS` columns, and where numbers overflow float64.
+    Also None for more than `columns` columns, by default `COLUMNS`, and where numbers overflow
+    float64.
     """
-    if qp.k > COLUMNS:
+    if qp.k > (COLUMNS if columns is None else columns):
         return None
     exact = _Exact(qp, np.clip(np.asarray(candidate, float), qp.lower, qp.upper))
     try:
@@ -179,9 +186,22 @@ class _Exact:
             x=np.clip(x, self.qp.lower, self.qp.upper),
             Ax=Ax.copy(),
             # each error was rounded once, and its square may be below the least float64
-            radius=float(np.linalg.norm(errors)) * (1 + 1e-12) + 1e-160 * bool(errors.any()),
+            error_bound=float(np.linalg.norm(errors)) * (1 + 1e-12) + 1e-160 * bool(errors.any()),
             exchanges=self.exchanges,
         )
+
+
+def exact_rank(A: Matrix) -> int:
+    """The rank of A (m, f), dense or sparse, in exact arithmetic."""
+    dense: Any = A
+    dense = dense.toarray() if sp.issparse(A) else np.asarray(A)
+    exponents = [_exponent(column) for column in dense.T]
+    entries = [
+        _integer(value, e)
+        for column, e in zip(dense.T.tolist(), exponents, strict=True)
+        for value in column
+    ]
+    return int(fmpz_mat(dense.shape[1], dense.shape[0], entries).rank())
 
 
 def _exponent(values: Vector) -> int:

@@ -54,10 +54,13 @@ REMEDY = "record the scene again with 'glambda record'"
 MEMBERS = (AT_LOWER, FREE, AT_UPPER, PASSIVE)
 LABEL_LIMIT = 150
 """Longest label [bytes]: with a solver's name it still makes a file name."""
-PROOFS = ("exact", "bound", "ill-posed")
-"""What a reference rests on: the answer in exact arithmetic (`harness.proof`); the bound that
-trusts nobody (`harness.error_bound`), which holds up to rounding; the same, where the recorded data
-taken exactly have another answer, which any other rounding of them would change."""
+PROVED = ("exact", "bound")
+"""What a reference rests on that is proved: the answer in exact arithmetic (`harness.proof`); the
+bound that trusts nobody (`harness.error_bound`)."""
+PROOFS = (*PROVED, "nearby", "ill-posed")
+"""What a reference rests on.  nearby: the bound of a QP that differs by rounding, for columns that
+are dependent but for it; ill-posed: the same, where the recorded data taken exactly are known to
+have another answer, which any other rounding of them would change."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +68,7 @@ class Reference:
     """The oracle's answer: A x* is unique, x is one of perhaps many.
 
     x : (k,);  Ax : (m,);  error_bound : bound on ‖Ax − A x*‖ of the recorded data
-    proof : one of `PROOFS`, what `error_bound` rests on
+    proof : one of `PROOFS`, what `error_bound` rests on;  proved : whether that is a proof
 
     Raises ValueError for an unknown proof.
     """
@@ -78,6 +81,10 @@ class Reference:
     def __post_init__(self) -> None:
         if self.proof not in PROOFS:
             raise ValueError(f"references/proof: {self.proof!r} is unknown; known: {PROOFS}")
+
+    @property
+    def proved(self) -> bool:
+        return self.proof in PROVED
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,8 @@
 """Does every backend reproduce the same Gλ?
 
 1. Replay the recordings through every backend, cold and warm, at the settings `paper` and `high`.
-2. Count the rows whose A x is not within ten times the accuracy asked (verdict not verified).
+2. Count the rows whose A x is not within ten times the accuracy asked (verdict not verified;
+   undecided is counted apart).
 3. The accurate class must not miss once.  The others are held to what is expected of them
    (`harness.expected_misses`): more misses, larger ones or others are a failure.
 """
@@ -59,11 +60,12 @@ def verify(
 def misses(rows: pd.DataFrame) -> pd.DataFrame:
     """One line per (scene, solver, setting) with columns
 
-    scene, solver, settings, accurate, solves, skipped, missed, worst, expected, beyond, holds,
-    reason
+    scene, solver, settings, accurate, solves, skipped, missed, undecided, worst, expected, beyond,
+    holds, reason
 
     worst : largest error in A x, in multiples of the accuracy asked; x beyond its bounds counts
         for the verdict, but not here
+    undecided : neither within what was asked nor missed, as far as anything is proved
     expected : misses allowed, or NA where nothing is expected
     beyond : misses of a kind or size that is not among those expected
     holds : whether misses are within what is expected
@@ -71,7 +73,8 @@ def misses(rows: pd.DataFrame) -> pd.DataFrame:
     out = []
     for (scene, solver, setting), part in rows.groupby(["scene", "solver", "settings"]):
         done = part[part["verdict"] != "skipped"]
-        missed = done[done["verdict"] != "verified"]
+        undecided = done["verdict"] == "undecided"
+        missed = done[(done["verdict"] != "verified") & ~undecided]
         known = expected_of(solver, scene)
         allowed = None if known is None else known.count(len(done))
         beyond = 0 if known is None else known.beyond(missed)
@@ -86,6 +89,7 @@ def misses(rows: pd.DataFrame) -> pd.DataFrame:
                 "solves": len(done),
                 "skipped": len(part) - len(done),
                 "missed": len(missed),
+                "undecided": int(undecided.sum()),
                 "worst": float(worst.max()) if len(done) else float("nan"),
                 "expected": allowed,
                 "beyond": beyond,

@@ -166,6 +166,11 @@ def how_accurate(results: Results) -> Answer | None:
             f"{len(wrong):,} answers are more than 1000 times off what was asked and were called "
             f"solved, by {join(sorted(wrong['solver'].unique(), key=solver_order))}."
         )
+    if undecided := int((rows["verdict"] == "undecided").sum()):
+        said.append(
+            f"{undecided:,} answers are undecided: neither verified nor shown to be wrong, and "
+            "charged like those that are."
+        )
     unknown = int(rows["glambda_error"].isna().sum())
     if unknown:
         said.append(f"{unknown:,} of {len(rows):,} solves have no accepted reference or no answer.")

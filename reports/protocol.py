@@ -52,7 +52,9 @@ def protocol(results: Results) -> list[tuple[str, str]]:
             "Verdict",
             "From x alone, by its error in Gλ against a checked reference, or by a bound on that "
             f"error where none was accepted.  Verified: up to {VERIFIED_WITHIN:g} times what was "
-            f"asked.  Claimed wrong: beyond {WRONG_BEYOND:g} times, and called solved.",
+            f"asked.  Claimed wrong: beyond {WRONG_BEYOND:g} times, and called solved.  A bound "
+            "proves nothing wrong: without a proof either way the verdict is undecided, which is "
+            "counted apart.",
         ),
         (
             "Time",

@@ -97,7 +97,8 @@ def accuracy_table(results: Results, setting: str) -> Table:
     for (scene, solver), part in rows.groupby(["scene", "solver"]):
         done = part[~part["skipped"]]
         counts = done["verdict"].value_counts()
-        misses = len(done) - int(done["verified"].sum())
+        undecided = int(counts.get("undecided", 0))
+        misses = len(done) - int(done["verified"].sum()) - undecided
         out.append(
             {
                 "scene": scene,
@@ -107,6 +108,7 @@ def accuracy_table(results: Results, setting: str) -> Table:
                 "misses": misses,
                 "claimed wrong": int(counts.get("claimed_wrong", 0)),
                 "no answer": int(sum(counts.get(v, 0) for v in ("failed", "timeout", "crashed"))),
+                "undecided": undecided,
                 "skipped": len(part) - len(done),
                 "eps0 ratio, median": done["eps0_ratio"].median(),
                 "eps0 ratio, max": done["eps0_ratio"].max(),
@@ -121,7 +123,7 @@ def accuracy_table(results: Results, setting: str) -> Table:
         "default": "each package's own default, judged at 1e-6 of the scale",
     }.get(setting, "as given")
     counts_format = dict.fromkeys(
-        ["solves", "misses", "claimed wrong", "no answer", "skipped"], whole
+        ["solves", "misses", "claimed wrong", "no answer", "undecided", "skipped"], whole
     )
     errors = [name for name in data.columns if "ratio" in name or "error" in name]
     return Table(
@@ -130,9 +132,10 @@ def accuracy_table(results: Results, setting: str) -> Table:
         reading=(
             f"Asked: {asked}.  Gλ error is ‖A(x − x*)‖ over the scale ‖A A⁺d‖, and eps0 ratio the "
             "same over ε₀; x* is the checked reference.  A solve is verified up to 10 times what "
-            "was asked, by the judge and not by the solver's word; a miss is any other solve, "
-            "claimed wrong among them one that was called solved at more than 1000 times.  Cold "
-            "and warm solves are counted together."
+            "was asked, by the judge and not by the solver's word; undecided where neither that "
+            "nor the contrary is proved; a miss is any other solve, claimed wrong among them one "
+            "that was called solved at more than 1000 times.  Cold and warm solves are counted "
+            "together."
         ),
         data=data,
         formats={**counts_format, "verified": percent, **dict.fromkeys(errors, scientific)},
@@ -163,6 +166,8 @@ def _miss_notes(data: pd.DataFrame) -> list[str]:
             text
             + (f", {wrong:,} of them by more than 1000 times and called solved." if wrong else ".")
         )
+    if unknown := int(data["undecided"].sum()):
+        notes.append(f"Of {unknown:,} solves nothing is proved: they are undecided.")
     return notes or ["Every solve of every backend is verified."]
 
 

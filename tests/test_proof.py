@@ -86,8 +86,8 @@ def assert_proved(qp: ContactQP, candidate: object) -> None:
     proof, best = prove(qp, candidate), enumerated(qp)
     assert proof is not None
     gap = sum((a - b) ** 2 for a, b in zip(exactly(proof.Ax), best, strict=True))
-    assert gap <= Fraction(proof.radius) ** 2
-    assert proof.radius <= 1e-15 * float(np.linalg.norm(proof.Ax))
+    assert gap <= Fraction(proof.error_bound) ** 2
+    assert proof.error_bound <= 1e-15 * float(np.linalg.norm(proof.Ax))
     assert ((qp.lower <= proof.x) & (proof.x <= qp.upper)).all()
 
 

@@ -78,8 +78,36 @@ def test_spans_agree():
     for _ in range(sparse.passes):
         v += sparse.correction(g - C.T @ v)
     np.testing.assert_allclose(v, dense.correction(g), atol=1e-9 * np.linalg.norm(v))
-    assert dense.least_singular_value == pytest.approx(1e-3)
-    assert 0.9e-3 <= sparse.least_singular_value <= 1.001e-3
+    assert dense.nearby.flatness == pytest.approx(1e-3)
+    assert 0.2e-3 <= sparse.nearby.flatness <= 1.001e-3
+    assert max(dense.nearby.gap, sparse.nearby.gap) < 1e-14
+
+
+@pytest.mark.parametrize("kind", [DenseSpan, SparseSpan])
+@pytest.mark.parametrize("least", [1.0, 1e-2, 1e-4, 3e-6, 1e-9, 0.0])
+def test_what_is_certified_of_independent_columns_is_true(kind, least):
+    rng = np.random.default_rng(1)
+    U, _, Vt = np.linalg.svd(rng.normal(size=(40, 30)), full_matrices=False)
+    C = U * np.append(np.ones(29), least) @ Vt
+    true = float(np.linalg.svd(C, compute_uv=False)[-1])
+    basis = kind(sp.csc_array(C) if kind is SparseSpan else C).basis
+    if least >= 3e-6:
+        assert basis.columns.all() and 0.1 * least <= basis.flatness <= true
+    elif basis is not None:  # never more than the decomposition can tell from 0
+        assert basis.flatness <= true * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("kind", [DenseSpan, SparseSpan])
+def test_only_columns_that_are_combinations_exactly_are_spanned(kind):
+    C = np.eye(6, 8)
+    C[:, 6], C[:, 7] = 0.5 * (C[:, 0] + C[:, 1]), 0.25 * C[:, 2]
+    for off, spanned in ((0.0, True), (2.0**-52, False)):
+        C[5, 7] = off
+        C[5, 5] = 0.0  # so that the last row is reached by the last column alone
+        basis = kind(sp.csc_array(C) if kind is SparseSpan else C).basis
+        assert (basis is not None) == spanned
+        if spanned:
+            assert basis.columns.sum() == 5
 
 
 @pytest.mark.parametrize("family", ["tower", "wall", "pyramid"])

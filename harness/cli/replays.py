@@ -160,7 +160,7 @@ def verify(
     skipped = int(lines["skipped"].sum())
     say(
         f"{int(lines['solves'].sum())} answers of {len(names)} backends judged, {skipped} skipped, "
-        f"{int(lines['missed'].sum())} missed"
+        f"{int(lines['missed'].sum())} missed, {int(lines['undecided'].sum())} undecided"
     )
     if len(broken):
         console.print(misses_table(broken, "FAILED: misses that are not expected"))
