@@ -6,6 +6,7 @@ An engine that is absent is skipped, with the reason.  No time is asserted.
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -340,9 +341,14 @@ def test_a_folder_is_continued_and_a_damaged_run_made_anew(folder: Path) -> None
     pd.testing.assert_frame_equal(first, again)
     assert {path: path.stat().st_mtime_ns for path in files} == files
     one = next(p for p in files if json.loads(p.read_text())["engine"].endswith(":Flying"))
-    one.write_bytes(b"{")
-    pd.testing.assert_frame_equal(first, campaign(folder, "Flying"))
-    assert one.stat().st_mtime_ns != files[one]
+    sound = one.read_bytes()
+    other = next(p for p in files if json.loads(p.read_text())["engine"] == OURS)
+    altered = re.sub(rb'"cpu": [0-9.e-]+', b'"cpu": 5.5', sound)
+    assert altered != sound
+    for content in (b"{", altered, other.read_bytes()):
+        one.write_bytes(content)
+        pd.testing.assert_frame_equal(first, campaign(folder, "Flying"))
+        assert one.read_bytes() == sound
 
 
 def test_two_campaigns_do_not_share_a_folder(tmp_path: Path) -> None:

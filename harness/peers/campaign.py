@@ -134,8 +134,7 @@ def _outcome(
     run: Run, done: list[tuple[Run, Outcome]], worker: Worker, folder: Path, limit: float
 ) -> Outcome:
     """The outcome of a run, from the folder if it is there."""
-    path = run.path(folder)
-    kept = _kept(path, limit)
+    kept = _kept(run, folder, limit)
     if kept is not None:
         return kept
     if _coarser_was_too_slow(run, done):
@@ -145,7 +144,7 @@ def _outcome(
         options = {**cls.settings, **(cls.resting or {})}[run.setting]
         outcome = worker.run(run.task, dict(options), run.resolution, limit)
     outcome = {**outcome, "limit": limit}
-    write_whole(path, sealed_json({**asdict(run), **outcome}))
+    write_whole(run.path(folder), sealed_json({**asdict(run), **outcome}))
     return outcome
 
 
@@ -157,13 +156,17 @@ def _coarser_was_too_slow(run: Run, done: list[tuple[Run, Outcome]]) -> bool:
     return same and outcome["status"] in ("timeout", "skipped")
 
 
-def _kept(path: Path, limit: float) -> Outcome | None:
-    """What is stored, unless more time is allowed now to a run that had too little."""
+def _kept(run: Run, folder: Path, limit: float) -> Outcome | None:
+    """What is stored of a run, unless more time is allowed now to one that had too little.
+
+    What is damaged, or of another run under this one's name, is made anew.
+    """
     try:
-        kept: Outcome = read_json(path, must_be_sealed=True)
-    except FileNotFoundError:
+        kept: Outcome = read_json(run.path(folder), must_be_sealed=True)
+    except (FileNotFoundError, Unreadable):
         return None
-    except Unreadable:
-        return None  # damaged: run anew
+    asked = json.loads(json.dumps(asdict(run)))
+    if not {*asked, "status", "limit"} <= {*kept} or asked != {name: kept[name] for name in asked}:
+        return None
     ended = kept["status"] not in ("timeout", "skipped")
     return kept if ended or kept["limit"] >= limit else None
