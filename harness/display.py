@@ -176,8 +176,10 @@ def replay_table(rows: pd.DataFrame) -> Table:
                 _scientific(1e6 * done["runtime"].median(), "{:.1f}"),
             )
         )
-    columns = ("solver", "setting", "arm", ">solved", ">skipped", ">verified", ">undecided")
-    columns = (*columns, ">max error", ">µs")
+    columns = (
+        *("solver", "setting", "arm", ">solved", ">skipped", ">verified", ">undecided"),
+        *(">max error", ">µs"),
+    )
     return table("Replayed (error: ‖A(x − x*)‖/scale; µs: median per QP)", columns, lines)
 
 

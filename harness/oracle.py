@@ -111,7 +111,8 @@ def _checked(facts: Facts, found: np.ndarray, proof: str) -> Reference | None:
     """Step 6, of an x in extended precision."""
     Ax = np.asarray(facts.A @ found, float)
     bound = error_bound(facts.qp, found, facts, nearby=proof != "bound")
-    bound = upward(bound + sum(distance(facts, found, Ax)))
+    off, lost = distance(facts, found, Ax)
+    bound = upward(bound + off + lost)
     if not bound <= ACCEPTED * facts.scale:
         return None
     return _reference(facts, np.asarray(found, float), Ax, bound, proof)
@@ -198,7 +199,7 @@ def _refine(facts: Facts, x: np.ndarray, free: Flags) -> np.ndarray:
 def _settle(facts: Facts, start: ArrayLike | None) -> np.ndarray:
     """x (k,) in extended precision where the primal-dual active-set method ended."""
     qp, A = facts.qp, facts.A
-    lower, upper, size = qp.lower, qp.upper, facts.absolute
+    lower, upper = qp.lower, qp.upper
     x = np.clip(np.zeros(qp.k) if start is None else np.asarray(start), lower, upper)
     x = x.astype(np.longdouble)
     target = x - A.T @ (A @ x + facts.d) / facts.norms / facts.norms

@@ -192,7 +192,7 @@ class _Exact:
 
 def exact_rank(A: Matrix) -> int:
     """The rank of A (m, f), dense or sparse, in exact arithmetic."""
-    dense = A.toarray() if sp.issparse(A) else np.asarray(A)
+    dense: Vector = sp.csc_array(A).toarray() if sp.issparse(A) else np.asarray(A)
     exponents = [_exponent(column) for column in dense.T]
     entries = [
         _integer(value, e)

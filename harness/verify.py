@@ -60,7 +60,8 @@ def verify(
 def misses(rows: pd.DataFrame) -> pd.DataFrame:
     """One line per (scene, solver, setting) with columns
 
-    scene, solver, settings, accurate, solves, skipped, missed, undecided, worst, expected, holds, reason
+    scene, solver, settings, accurate, solves, skipped, missed, undecided, worst, expected, holds,
+    reason
 
     worst : largest error in A x, in multiples of the accuracy asked; x beyond its bounds counts
         for the verdict, but not here

@@ -132,9 +132,10 @@ def accuracy_table(results: Results, setting: str) -> Table:
         reading=(
             f"Asked: {asked}.  Gλ error is ‖A(x − x*)‖ over the scale ‖A A⁺d‖, and eps0 ratio the "
             "same over ε₀; x* is the checked reference.  A solve is verified up to 10 times what "
-            "was asked, by the judge and not by the solver's word; undecided where neither that nor "
-            "the contrary is proved; a miss is any other solve, claimed wrong among them one that "
-            "was called solved at more than 1000 times.  Cold and warm solves are counted together."
+            "was asked, by the judge and not by the solver's word; undecided where neither that "
+            "nor the contrary is proved; a miss is any other solve, claimed wrong among them one "
+            "that was called solved at more than 1000 times.  Cold and warm solves are counted "
+            "together."
         ),
         data=data,
         formats={**counts_format, "verified": percent, **dict.fromkeys(errors, scientific)},
