@@ -44,7 +44,7 @@ from numpy.typing import NDArray
 from harness.facts import Facts, facts_of
 from harness.proof import Proof
 from harness.recording import Reference
-from harness.span import Span
+from harness.span import Basis, Span
 from problems.qp import ContactQP, Vector
 
 UNIT = float(np.finfo(np.longdouble).eps)
@@ -57,6 +57,8 @@ ROUND_UP = 1 + 1e-12
 """Makes up for the rounding of the last sums."""
 NEARBY = 1e-12
 """Of columns of length 1, by which they may be moved where `nearby` is asked for."""
+MANY_SETS = 100
+"""Of which a QP keeps what is proved."""
 MAX_GROWTH = 100
 """Times that a set of rows may grow before the trial is given up; each takes a factorization."""
 
@@ -81,17 +83,23 @@ class _Spans:
             self._last = S.copy(), self.facts.span(S)
         return self._last[1]
 
+    def _basis(self, S: Flags) -> Basis | None:
+        """As proved of S; answers to one QP have few sets between them."""
+        known, key = self.facts.bases, S.tobytes()
+        if key not in known and len(known) < MANY_SETS:
+            known[key] = self(S).basis
+        return known[key] if key in known else self(S).basis
+
     def undoing(self, S: Flags, slack: np.ndarray) -> np.longdouble:
         """‖w‖ at most, of a w with |A_Sᵀ w| ≤ `slack` (k,) where that has one; inf if unknown."""
         S = S & self.facts.pushes
-        span = self(S)
         B, flatness = np.ones(S.sum(), bool), 0.0
         if self.nearby:
-            if span.nearby.gap <= NEARBY:
-                flatness = span.nearby.flatness
-                self.moved = max(self.moved, span.nearby.gap)
-        elif span.basis is not None:
-            B, flatness = span.basis.columns, span.basis.flatness
+            nearby = self(S).nearby
+            if nearby.gap <= NEARBY:
+                flatness, self.moved = nearby.flatness, max(self.moved, nearby.gap)
+        elif (basis := self._basis(S)) is not None:
+            B, flatness = basis.columns, basis.flatness
         if flatness == 0.0:
             self.gave_up = True
             return np.longdouble(np.inf)
@@ -127,8 +135,8 @@ def error_bound(
     if spans.gave_up and not nearby:
         exact = known or facts.proof
         if exact is not None:
-            off, rounding = distance(facts, x, exact.Ax)
-            best = min(best, np.longdouble(off + rounding + exact.error_bound))
+            off, lost = distance(facts, x, exact.Ax)
+            best = min(best, off + lost + np.longdouble(exact.error_bound))
     return upward(best)
 
 

@@ -22,7 +22,7 @@ from scipy.optimize import linprog
 
 from harness.contact_rows import ContactRows, contact_rows
 from harness.proof import Proof, prove
-from harness.span import Flags, Span, SparseSpan, span_of
+from harness.span import Basis, Flags, Span, SparseSpan, span_of
 from problems.minimum_norm import surely_independent
 from problems.qp import ContactQP, Matrix, Vector
 
@@ -97,6 +97,11 @@ class Facts:
     def pushes(self) -> Flags:
         """(k,) which columns are not zeros."""
         return np.asarray(self.absolute.sum(axis=0) > 0).ravel()
+
+    @cached_property
+    def bases(self) -> dict[bytes, Basis | None]:
+        """What has been proved of sets of columns, by their flags."""
+        return {}
 
     @cached_property
     def proof(self) -> Proof | None:

@@ -12,10 +12,10 @@
    What it rests on is `Reference.proof`, which rows hold.
 4. The laws of contact in SI units (`harness.physics`).
 5. The verdict, from e and the accuracy asked.  e is the greatest of the error in A x (the bound
-   where there is no reference, or one that is known not to be that of the recorded data), of ‖a_i‖
-   times the violation of a bound, so that no A x is bought with forces that contacts cannot give,
-   and of u ‖|A||x|‖ with u = 2⁻⁵³, so that no x is taken whose A x is lost to whoever evaluates it
-   in float64:
+   where there is no reference, or one that is known not to be that of the recorded data), of
+   ‖a_i‖ times the violation of a bound, so that no A x is bought with forces that contacts cannot
+   give, and of u ‖|A||x|‖ with u = 2⁻⁵³, so that no x is taken whose A x is lost to whoever
+   evaluates it in float64:
 
        verified       e ≤ 10 × asked
        inaccurate     beyond, and the reference is proved

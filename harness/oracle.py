@@ -111,8 +111,8 @@ def _checked(facts: Facts, found: np.ndarray, proof: str) -> Reference | None:
     """Step 6, of an x in extended precision."""
     Ax = np.asarray(facts.A @ found, float)
     bound = error_bound(facts.qp, found, facts, nearby=proof != "bound")
-    off, rounding = distance(facts, found, Ax)
-    bound = upward(np.longdouble(bound + off + rounding))
+    off, lost = distance(facts, found, Ax)
+    bound = upward(bound + off + lost)
     if not bound <= ACCEPTED * facts.scale:
         return None
     return _reference(facts, np.asarray(found, float), Ax, bound, proof)

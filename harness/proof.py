@@ -22,7 +22,6 @@ arithmetic: 0.3 ms at k = 12, 0.4 s at k = 200.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -193,8 +192,7 @@ class _Exact:
 
 def exact_rank(A: Matrix) -> int:
     """The rank of A (m, f), dense or sparse, in exact arithmetic."""
-    dense: Any = A
-    dense = dense.toarray() if sp.issparse(A) else np.asarray(A)
+    dense: Vector = sp.csc_array(A).toarray() if sp.issparse(A) else np.asarray(A)
     exponents = [_exponent(column) for column in dense.T]
     entries = [
         _integer(value, e)

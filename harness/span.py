@@ -255,7 +255,7 @@ class SparseSpan:
         return 0.0
 
     def _distance_from_definite(self, shift: float) -> float:
-        """‖CᵀC − τ²I − L D Lᵀ‖ from above, τ² = `shift`; inf where there is no such D > 0."""
+        """‖CᵀC − τ²I − L D Lᵀ‖ from above, D > 0, τ² = `shift`; inf where there are none such."""
         count = self.columns.shape[1]
         shifted = self._gram - shift * sp.eye_array(count)
         try:
