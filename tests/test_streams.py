@@ -48,6 +48,24 @@ def test_a_terminal_obeys_nothing_that_it_is_told(capsys: pytest.CaptureFixture[
     assert "lotstedt[exact_qr] :smile: [/b]" in told
 
 
+@pytest.mark.parametrize("solver", ["highs", "cvxpy[highs]"])
+def test_what_a_package_prints_does_not_reach_stdout(solver: str) -> None:
+    """HiGHS greets every process that uses it, whoever brings it along."""
+    main = "import sys; from harness.cli import main; sys.argv[0] = 'glambda'; main()"
+    command = [sys.executable, "-c", main, "simulate", "fig3", "--solver", solver]
+    done = subprocess.run([*command, "--until", "0.01"], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("fig3: t = 0.01 s") and "HiGHS" not in done.stdout
+
+
+def test_highs_greets_nobody_in_python() -> None:
+    code = "from solvers import make_solver; make_solver('highs')"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert done.stdout == ""
+
+
 def strange_recording() -> Any:
     made = fake_recording()
     return replace(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import sys
 from typing import Any
 
@@ -19,6 +20,25 @@ class _Forgiving(io.FileIO):
             return super().write(data)
         except BrokenPipeError:
             return memoryview(data).nbytes
+
+
+def keep_stdout() -> None:
+    """Keep stdout for ourselves: what packages print by themselves (HiGHS's banner) goes to stderr.
+
+    They write to file descriptor 1, which is that of stderr from here on.
+    """
+    if not isinstance(sys.stdout, io.TextIOWrapper) or sys.stdout.fileno() != 1:
+        return  # closed, or somebody else's
+    sys.stdout.flush()
+    ours = os.dup(1)
+    os.dup2(2, 1)
+    sys.stdout = io.TextIOWrapper(
+        io.BufferedWriter(io.FileIO(ours, "w")),
+        encoding=sys.stdout.encoding,
+        errors=sys.stdout.errors,
+        line_buffering=sys.stdout.line_buffering,
+        write_through=sys.stdout.write_through,
+    )
 
 
 def outlive_readers() -> None:

@@ -15,6 +15,8 @@ being off by 8e-7; no option was found to change that.
 
 from __future__ import annotations
 
+import os
+import sys
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -27,6 +29,21 @@ from solvers.adapters.forms import Built, Native, Outcome
 from solvers.adapters.programs import Program, ProgramSolver
 from solvers.base import Start
 
+
+def _greet() -> None:
+    """Make a process's first `Highs` object, at which HiGHS prints a banner, with stdout closed."""
+    sys.stdout.flush()
+    stdout, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    try:
+        highspy.Highs()
+    finally:
+        os.dup2(stdout, 1)
+        os.close(stdout)
+        os.close(nowhere)
+
+
+_greet()
 _COLUMNWISE = int(highspy.MatrixFormat.kColwise)
 _TRIANGULAR = int(highspy.HessianFormat.kTriangular)
 _MINIMISE = int(highspy.ObjSense.kMinimize)
