@@ -173,6 +173,71 @@ def test_judge_without_a_reference_goes_by_the_bound() -> None:
     assert verdict.error == verdict.error_bound == pytest.approx(0.5)
 
 
+def test_nothing_is_called_wrong_without_a_proof() -> None:
+    """A bound says that an answer is right, never that it is wrong; a violated bound does."""
+    qp = one_contact()
+    for found in (True, False):
+        assert judge(qp, [2.5], seek_reference=False, found=found).verdict == "undecided"
+    assert judge(qp, [2.0], seek_reference=False).verdict == "verified"
+    assert judge(qp, [-1.0], seek_reference=False).verdict == "claimed_wrong"
+    assert judge(qp, [-1.0], seek_reference=False, found=False).verdict == "failed"
+
+
+def test_what_references_that_are_not_proved_decide() -> None:
+    """Large errors show in the objective; an answer is not verified by one known to be off."""
+    qp = one_contact()
+    known = replace(reference(qp), proof="nearby")
+    assert judge(qp, [2.0], reference=known).verdict == "verified"
+    assert judge(qp, [2.5], reference=known).verdict == "claimed_wrong"
+    off = replace(known, x=np.array([2.1]), Ax=np.array([2.1]), proof="ill-posed")
+    assert judge(qp, [2.1], reference=off).verdict == "undecided"
+    assert judge(qp, [2.0], reference=off).verdict == "verified"  # by its own bound
+
+
+@pytest.mark.parametrize("k", [1, 60, 61, 300])
+def test_columns_of_zeros_are_judged(k: int) -> None:
+    A = np.zeros((3, k))
+    A[0, 0] = 1.0
+    qp = ContactQP(A, [1.0, 0.0, 0.0], np.zeros(k), np.full(k, INF), eps0=1e-6)
+    x = np.ones(k)
+    x[0] = 0.0
+    for zeroed in (qp, replace(qp, A=np.zeros((3, k)))):
+        assert judge(zeroed, x).verdict == "verified"
+        assert judge(zeroed, x, seek_reference=False).verdict == "verified"
+
+
+@pytest.mark.parametrize("power", [-20, -30, -36, -44, -50])
+@pytest.mark.parametrize("k", [60, 61, 201])
+def test_columns_that_are_nearly_parallel_are_not_taken_for_one(k: int, power: int) -> None:
+    """x reaches d with large forces along two columns; x = 1 does not, by `short`."""
+    gap, short = 2.0**power, 2.0**-10
+    A = np.eye(k)
+    A[0, -1], A[-1, -1] = 1.0, gap
+    right = np.ones(k)
+    right[0], right[-1] = 1 - short / gap, short / gap
+    wrong = np.ones(k)
+    wrong[-1] = 0.0
+    qp = ContactQP(A, -(A @ right), np.full(k, -INF), np.full(k, INF), eps0=1e-6)
+    assert not (A @ right + qp.d).any()
+    for seek in (True, False):
+        assert judge(qp, wrong, seek_reference=seek).verdict in ("inaccurate", "undecided")
+        assert judge(qp, wrong, seek_reference=seek).error_bound >= short
+        assert judge(qp, right, seek_reference=seek).verdict not in ("claimed_wrong", "failed")
+
+
+@pytest.mark.parametrize("length", [1e-100, 1e-155, 1e-163, 1e-170, 1e-300])
+def test_short_columns_count(length: float) -> None:
+    """Their squares underflow."""
+    qp = ContactQP(np.diag([1.0, length]), [-1.0, -1.0], [0.0, 0.0], [INF, INF], eps0=1e-6)
+    facts = facts_of(qp)
+    assert facts.norms.tolist() == pytest.approx([1.0, length])
+    assert facts.scale == pytest.approx(np.sqrt(2.0))
+    assert judge(qp, [1.0, 1 / length]).verdict == "verified"
+    assert judge(qp, [1.0, 0.0]).verdict == "claimed_wrong"
+    tiny = ContactQP([[1.0]], [-length], [0.0], [INF], eps0=1e-300)
+    assert error_bound(tiny, np.array([2 * length])) >= length
+
+
 def test_judge_refuses_a_wrong_shape() -> None:
     with pytest.raises(ValueError, match=r"x needs 1 entries; got \(2,\)"):
         judge(one_contact(), [1.0, 2.0])

@@ -7,6 +7,7 @@ import pytest
 import scipy.sparse as sp
 
 import harness.facts as facts_module
+import harness.oracle as oracle
 from harness.error_bound import error_bound
 from harness.facts import UNKNOWN, Facts, facts_of
 from harness.oracle import reference
@@ -81,6 +82,18 @@ def test_spans_agree():
     assert dense.nearby.flatness == pytest.approx(1e-3)
     assert 0.2e-3 <= sparse.nearby.flatness <= 1.001e-3
     assert max(dense.nearby.gap, sparse.nearby.gap) < 1e-14
+
+
+@pytest.mark.parametrize("kind", ANY)
+def test_the_way_downhill_ends_at_the_answer(kind, sparse_facts, monkeypatch):
+    """Where sets of free rows do not settle, they are walked through."""
+    monkeypatch.setattr(oracle, "MAX_CHANGES", 0)
+    for seed in range(5):
+        qp, _ = random_qp(kind, seed)
+        exact, facts = reference(qp), sparse_facts(qp)
+        x = oracle._settle(facts, None)
+        assert ((x >= qp.lower) & (x <= qp.upper)).all()
+        assert np.linalg.norm(facts.A @ x - exact.Ax) <= 1e-9 * facts.scale
 
 
 @pytest.mark.parametrize("kind", [DenseSpan, SparseSpan])
