@@ -141,9 +141,9 @@ def record(
 ) -> None:
     """Simulate scenes by the paper's method and keep every QP, with a reference answer.
 
-    One HDF5 file each, named by the scene and what differs from its defaults; the same command
-    makes the same bytes on one type of processor. A recording of the scene with other QPs (another --until or --eps, other
-    code) is not replaced unless told so.
+    One HDF5 file each, named by the scene and what differs from its defaults; on one type of
+    processor the same command makes the same bytes. A recording of the scene with other QPs
+    (another --until or --eps, other code) is not replaced unless told so.
 
     Example:  glambda record fig4 --set mu_I=0.8 -o recordings
     """
