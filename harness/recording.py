@@ -22,8 +22,8 @@ Texts are UTF-8 of fixed length, which h5py shows as bytes.
 
 The digest is the sha256 of names, types, shapes and bytes of all datasets and of all attributes but
 `digest` and `code_version`: two versions of the code that pose the same QPs make recordings that
-are the same to every study.  Two runs of one version make bit-identical files
-on one type of processor; on another, what rounds differently (BLAS, compiled kernels) may show.
+are the same to every study.  Two runs of one version make bit-identical files on one type of
+processor; on another, BLAS and compiled kernels may round otherwise.
 
 A reader trusts nothing: first the seal over all bytes, then names, types and sizes of everything,
 before anything is allocated (`harness.recording_file`), then the digest, then the values.  Timings

@@ -103,6 +103,9 @@ def _draw_drift(axes: Axes, drifted: pd.DataFrame, column: str, looks: Looks) ->
     part = drifted[drifted["eps"] == drifted["eps"].max()]
     part = part[part["rule"] != "none, compiled"]
     taus = np.sort(part["tau"].dropna().unique())
+    if not taus.size:
+        axes.text(0.5, 0.5, "no drift above rounding", ha="center", transform=axes.transAxes)
+        return
     ends = {"projection": taus[0] / 4, "none": taus[-1] * 4}
     axes.set_xscale("log")
     axes.set_yscale("log")

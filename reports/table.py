@@ -128,6 +128,8 @@ def percent(value: Any) -> str:
 def short(value: Any) -> str:
     """Three significant digits or all before the point; an exponent for less than 0.01."""
     number = float(value)
+    if not np.isfinite(number):
+        return "–" if np.isnan(number) else "∞" if number > 0 else "-∞"
     size = abs(float(f"{number:.3g}"))
     if size == 0:
         return "0"

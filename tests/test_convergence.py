@@ -29,6 +29,7 @@ from harness.reference_motion import (
 from harness.stabilization import NONE, Rule
 from problems import scene
 from reports.convergence import convergence_tables, exponent, write_convergence
+from reports.table import short
 from solvers import make_solver
 
 RULES = (
@@ -153,7 +154,7 @@ def test_the_page_tells_what_was_measured(measured: Converged, tmp_path: Path) -
     assert "No drift above rounding" not in notes
 
 
-def test_no_drift_is_said() -> None:
+def test_no_drift_is_said(tmp_path: Path) -> None:
     from reports.convergence import drift_table
 
     with pytest.MonkeyPatch.context() as patch:
@@ -163,6 +164,17 @@ def test_no_drift_is_said() -> None:
     table = drift_table(still.drifted)
     assert table.data.empty
     assert table.notes == ["No drift above rounding: wall,bodies=3."]
+    assert "No drift above rounding" in write_convergence(still, tmp_path).read_text("utf-8")
+
+
+def test_what_has_no_size_is_shown() -> None:
+    """As the ratio of two errors, where the smaller one is 0."""
+    assert [short(value) for value in (np.inf, -np.inf, np.nan, 1234.5)] == [
+        "∞",
+        "-∞",
+        "–",
+        "1,234",
+    ]
 
 
 def test_zero_has_no_sign() -> None:
