@@ -56,7 +56,7 @@ SLACK = 1e-6
 ROUND_UP = 1 + 1e-12
 """Makes up for the rounding of the last sums."""
 NEARBY = 1e-12
-"""Of columns of length 1, by which they may be moved where `nearby` is asked for."""
+"""What may be taken from each of the columns, of length 1, where `nearby` is asked for."""
 MANY_SETS = 100
 """Of which a QP keeps what is proved."""
 MAX_GROWTH = 100
@@ -69,13 +69,12 @@ class _Spans:
     """Spans of sets of columns of one QP; the last one is kept, for it is asked for again.
 
     nearby : whether columns near the span of others may count as in it
-    moved : how far columns were moved for it, over their units
     gave_up : whether there was a set of which nothing is proved
     """
 
     def __init__(self, facts: Facts, nearby: bool) -> None:
         self.facts, self.nearby = facts, nearby
-        self.moved, self.gave_up = 0.0, False
+        self.gave_up = False
         self._last: tuple[Flags, Span] | None = None
 
     def __call__(self, S: Flags) -> Span:
@@ -96,8 +95,8 @@ class _Spans:
         B, flatness = np.ones(S.sum(), bool), 0.0
         if self.nearby:
             nearby = self(S).nearby
-            if nearby.gap <= NEARBY:
-                flatness, self.moved = nearby.flatness, max(self.moved, nearby.gap)
+            if nearby.gap <= NEARBY * np.sqrt(S.sum()):
+                flatness = nearby.flatness
         elif (basis := self._basis(S)) is not None:
             B, flatness = basis.columns, basis.flatness
         if flatness == 0.0:
@@ -105,6 +104,11 @@ class _Spans:
             return np.longdouble(np.inf)
         inside = slack[S][B] / self.facts.units[S][B]
         return np.linalg.norm(inside) / flatness * (1 + SLACK)
+
+    def moved(self, S: Flags, x: np.ndarray) -> float:
+        """‖E x‖ of what is taken from columns so that they may count as in the span of others."""
+        S = S & self.facts.pushes
+        return self(S).taken(np.asarray(self.facts.units * x, float)[S]) if self.nearby else 0.0
 
 
 def error_bound(
@@ -280,8 +284,7 @@ def _evaluate(
     down = np.where(unsure, 0.0, np.maximum(gradient + reach, 0.0)) @ below
     up = np.where(unsure, 0.0, np.maximum(reach - gradient, 0.0)) @ above
     size, g = np.linalg.norm(v) + undo, down + up
-    if spans.moved > 0:
-        size += 2 * spans.moved * np.linalg.norm(facts.units * np.abs(x), 1)
+    size += 2 * spans.moved(unsure, x)
     return 0.5 * (size + np.hypot(size, 2 * np.sqrt(g))), grew
 
 

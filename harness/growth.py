@@ -144,13 +144,15 @@ def whole_bodies(A: Matrix) -> sp.csc_array:
 
     Zeros among them are stored: a box that stands straight has some, and has none once it tilts by
     1e-17.  So the pattern is the same from step to step, and a backend can keep what it made of it.
+    Rows that are left, as a minimum-norm QP has one, count as one more body.
     """
     entries = sp.coo_array(A)
     m = A.shape[0]
-    bodies = m // COORDINATES
+    bodies = -(-m // COORDINATES)
     touched = np.unique(entries.col.astype(np.int64) * bodies + entries.row // COORDINATES)
     columns = np.repeat(touched // bodies, COORDINATES)
     rows = (COORDINATES * (touched % bodies)[:, None] + np.arange(COORDINATES)).ravel()
+    columns, rows = columns[rows < m], rows[rows < m]
     values = np.zeros(rows.size)
     values[np.searchsorted(columns * m + rows, entries.col * m + entries.row)] = entries.data
     return sp.csc_array((values, (rows, columns)), shape=A.shape)

@@ -104,6 +104,9 @@ class Span(Protocol):
     def nearby(self) -> Nearby:
         """Of what lacks rank but for rounding."""
 
+    def taken(self, x: Vector) -> float:
+        """‖E x‖, x (f,), E being the part of C that belongs to singular values taken for 0."""
+
 
 class DenseSpan:
     """By the singular value decomposition of C (m, f).
@@ -151,6 +154,11 @@ class DenseSpan:
         sigma = np.linalg.svd(self.columns, compute_uv=False)
         kept = sigma > RANK_TOL * sigma[:1]
         return Nearby(sigma[kept].min(initial=np.inf), float(np.linalg.norm(sigma[~kept])))
+
+    def taken(self, x: Vector) -> float:
+        """‖E x‖, x (f,)."""
+        _, _, Vt = self._factors
+        return float(np.linalg.norm(self.columns @ (x - Vt.T @ (Vt @ x))))
 
 
 def _least_singular_value(C: Vector) -> float:
@@ -209,10 +217,7 @@ class SparseSpan:
         with σ, so that null vectors do not show.
         """
         C, rng = self.columns, np.random.default_rng(0)
-        z = rng.standard_normal((C.shape[1], PROBES))
-        for _ in range(self.passes if z.size else 0):
-            z -= self.coefficients(C.T @ (C @ z))
-        gap = float(np.linalg.norm(C @ z, axis=0).max())
+        gap = max(self.taken(z) for z in rng.standard_normal((PROBES, C.shape[1])))
         z = rng.standard_normal(C.shape[1])
         largest = 0.0
         for _ in range(POWER_STEPS if C.count_nonzero() else 0):
@@ -225,6 +230,13 @@ class SparseSpan:
         share = min(4 * DELTA**2 * largest, 1.0)
         flatness = DELTA * (1 + float(np.sqrt(1 - share))) / float(np.sqrt(share))
         return Nearby(0.5 * flatness, gap)
+
+    def taken(self, x: Vector) -> float:
+        """‖E x‖, x (f,)."""
+        C = self.columns
+        for _ in range(self.passes if x.size else 0):
+            x = x - self.coefficients(C.T @ (C @ x))
+        return float(np.linalg.norm(C @ x))
 
     def _among(self, B: Flags) -> SparseSpan:
         """The span of the columns B alone."""

@@ -85,7 +85,11 @@ def test_recordings(tmp_path: Path) -> None:
 def test_the_command(tmp_path: Path) -> None:
     run = CliRunner().invoke(app, ["check", "scene", "tower,bodies=2", "--until", "0.05"])
     assert run.exit_code == 0 and "ok     is made alike twice: yes" in run.output
-    run = CliRunner().invoke(app, ["check", "recording", str(tmp_path / "none.h5")])
+    path = tmp_path / "foreign.h5"
+    run = CliRunner().invoke(app, ["check", "recording", str(path)])
+    assert run.exit_code == 2 and "foreign.h5" in run.output
+    path.write_text("not a recording")
+    run = CliRunner().invoke(app, ["check", "recording", str(path)])
     assert run.exit_code == 1 and "WRONG  can be read" in run.output
     run = CliRunner().invoke(app, ["check", "solver", "nobody"])
     assert run.exit_code == 2 and "unknown solver 'nobody'" in run.output

@@ -179,7 +179,7 @@ def test_a_run_that_ends_early_writes_what_it_has(
     table, picture = tmp_path / "motion.csv", tmp_path / "motion.png"
     result = glambda("simulate", "fig3", "--trajectory", table, "--plot", picture)
     assert result.exit_code == code, result.output
-    (line,) = result.stderr.strip().splitlines()
+    *_, line = result.stderr.strip().splitlines()
     assert words in line and f"the motion until then is in {table}" in line
     assert 0.4 < pd.read_csv(table)["t"].max() <= 0.5
     assert list(pd.read_csv(table.with_suffix(".events.csv"))) == ["t", "kind", "detail"]

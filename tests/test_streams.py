@@ -92,8 +92,8 @@ def test_info_of_a_strangers_files_is_printable(tmp_path: Path) -> None:
 
 MUCH = """
 import pathlib, sys
-from harness.cli.streams import outlive_readers
-outlive_readers()
+from harness.cli.streams import guard_streams
+guard_streams()
 for _ in range(100_000):
     print("a line that nobody reads")
 sys.stderr.write("and another")

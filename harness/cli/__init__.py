@@ -10,7 +10,7 @@ from __future__ import annotations
 import signal
 
 from harness.cli.app import app
-from harness.cli.streams import keep_stdout, outlive_readers
+from harness.cli.streams import guard_streams
 from harness.threads import ask_for_one_thread
 
 # isort: off
@@ -33,7 +33,6 @@ from harness.cli import check  # noqa: F401
 def main() -> None:
     """Entry point of the command `glambda`."""
     ask_for_one_thread()
-    keep_stdout()
-    outlive_readers()
+    guard_streams()
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends a study as Ctrl-C does
     app()

@@ -22,34 +22,23 @@ class _Forgiving(io.FileIO):
             return memoryview(data).nbytes
 
 
-def keep_stdout() -> None:
-    """Keep stdout for ourselves: what packages print by themselves (HiGHS's banner) goes to stderr.
+def guard_streams() -> None:
+    """Let a command finish its work when nobody reads its words, and keep stdout for those.
 
-    They write to file descriptor 1, which is that of stderr from here on.
+    What packages print by themselves (HiGHS's banner) goes to file descriptor 1, which is that of
+    stderr from here on; ours go to a copy of the one that there was.
     """
-    if not isinstance(sys.stdout, io.TextIOWrapper) or sys.stdout.fileno() != 1:
-        return  # closed, or somebody else's
-    sys.stdout.flush()
-    ours = os.dup(1)
-    os.dup2(2, 1)
-    sys.stdout = io.TextIOWrapper(
-        io.BufferedWriter(io.FileIO(ours, "w")),
-        encoding=sys.stdout.encoding,
-        errors=sys.stdout.errors,
-        line_buffering=sys.stdout.line_buffering,
-        write_through=sys.stdout.write_through,
-    )
-
-
-def outlive_readers() -> None:
-    """Let a command finish its work and write its files when nobody reads its words any more."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if not isinstance(stream, io.TextIOWrapper):
             continue  # closed, or somebody else's
         stream.flush()
+        descriptor = stream.fileno()
+        if descriptor == 1:
+            descriptor = os.dup(1)
+            os.dup2(2, 1)
         lasting = io.TextIOWrapper(
-            io.BufferedWriter(_Forgiving(stream.fileno(), "w", closefd=False)),
+            io.BufferedWriter(_Forgiving(descriptor, "w", closefd=False)),
             encoding=stream.encoding,
             errors=stream.errors,
             line_buffering=stream.line_buffering,
