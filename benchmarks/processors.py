@@ -76,13 +76,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--scenes", nargs="+", default=SCENES, metavar="SCENE")
-    parser.add_argument("--run", choices=[*ENVIRONMENTS], help="run `python ARGUMENTS…` so")
-    parser.add_argument("arguments", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
+    parser.add_argument(
+        "--run",
+        nargs=argparse.REMAINDER,
+        metavar="ENVIRONMENT ARGUMENTS",
+        help=f"run `python ARGUMENTS` in one of {', '.join(ENVIRONMENTS)}",
+    )
     parser.add_argument("--into", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     if options.run is not None:
-        variables = {**os.environ, **ENVIRONMENTS[options.run]}
-        return subprocess.run([sys.executable, *options.arguments], env=variables).returncode
+        name, *command = options.run or [""]
+        if name not in ENVIRONMENTS:
+            parser.error(f"--run {name!r} is unknown; choose from {', '.join(ENVIRONMENTS)}")
+        variables = {**os.environ, **ENVIRONMENTS[name]}
+        return subprocess.run([sys.executable, *command], env=variables).returncode
     if options.into is not None:
         for name in options.scenes:
             run = simulate(scene(name), make_solver(METHOD))

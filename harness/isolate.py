@@ -240,7 +240,7 @@ class Block:
         self._server = current
         current.order(
             "load",
-            recording=str(self._path),
+            recording=str(self._path.resolve()),
             digest=self._recording.digest,
             asked=self._asked,
             sheet=str(self._sheet.path),
