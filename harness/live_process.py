@@ -71,12 +71,13 @@ class Server:
         self.folder = Path(tempfile.mkdtemp(prefix="glambda-"))
         self.serial = itertools.count()
         self._codes: dict[int, int] = {}
+        self.imports_from = list(sys.path)
         self._link, theirs = Pipe()
         code = (
             "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
             "from harness.forkserver import serve; serve(int(sys.argv[2]), sys.argv[3])"
         )
-        arguments = [json.dumps(sys.path), str(theirs.fileno()), str(self.folder)]
+        arguments = [json.dumps(self.imports_from), str(theirs.fileno()), str(self.folder)]
         self._process = subprocess.Popen(
             [sys.executable, "-c", code, *arguments],
             pass_fds=[theirs.fileno()],
@@ -148,9 +149,13 @@ _servers = threading.local()
 
 
 def server() -> Server:
-    """The server of this thread.  It is started when first asked for, and anew if it is gone."""
+    """The server of this thread.
+
+    It is started when first asked for, and anew if it is gone or imports from elsewhere than we do.
+    """
     mine: Server | None = getattr(_servers, "server", None)
-    if mine is None or _servers.owner != os.getpid() or not mine.is_alive:
+    ours = mine is not None and _servers.owner == os.getpid() and mine.is_alive
+    if mine is None or not ours or mine.imports_from != sys.path:
         mine = Server()
         _servers.server, _servers.owner = mine, os.getpid()
     return mine
