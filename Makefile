@@ -46,6 +46,7 @@ publish: study campaigns growth
 	mkdir reports/published/closed_loop
 	cp results/closed_loop/closed_loop* reports/published/closed_loop
 	COLUMNS=110 $(BIN)/python benchmarks/steps.py > reports/published/steps.txt
+	COLUMNS=110 $(BIN)/python benchmarks/processors.py > reports/published/processors.txt
 	find reports/published -name '*.svg' -delete
 
 campaigns: study

@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -103,7 +104,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def table(folder: Path, scenes: Sequence[str]) -> Table:
     """One line per environment and scene."""
     out = Table("environment", "scene", "recording", "apart", "at impact", "events", "time")
-    for number, (name, variables) in enumerate(track(ENVIRONMENTS.items(), "environments")):
+    watched = track(ENVIRONMENTS.items(), "environments", console=Console(stderr=True))
+    for number, (name, variables) in enumerate(watched):
         into = folder / str(number)
         into.mkdir()
         failure = run_in(variables, into, scenes)
@@ -119,11 +121,9 @@ def run_in(variables: dict[str, str], into: Path, scenes: Sequence[str]) -> str:
     """Record the scenes in a process with these variables; "" or why that failed."""
     own = [sys.executable, __file__, "--into", str(into), "--scenes", *scenes]
     done = subprocess.run(own, env={**os.environ, **variables}, capture_output=True, text=True)
-    return (
-        (done.stderr.strip() or f"exit {done.returncode}").splitlines()[-1]
-        if done.returncode
-        else ""
-    )
+    if done.returncode < 0:
+        return signal.Signals(-done.returncode).name
+    return (done.stderr.strip() or "failed").splitlines()[-1] if done.returncode else ""
 
 
 def difference(first: Path, other: Path, label: str) -> list[str]:

@@ -89,7 +89,7 @@ def connected(cluster: str | int) -> Iterator[Client]:
             with (
                 LocalCluster(
                     n_workers=cluster, threads_per_worker=1, processes=True, host="127.0.0.1",
-                    dashboard_address=None, memory_limit=0, silence_logs=logging.CRITICAL,
+                    dashboard_address="127.0.0.1:0", memory_limit=0, silence_logs=logging.CRITICAL,
                 ) as local,
                 Client(local) as client,
             ):  # fmt: skip

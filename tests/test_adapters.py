@@ -28,11 +28,13 @@ MORE_SEEDS = range(40)
 """Of the accurate class, where one miss counts."""
 
 _ROOT = "an interior-point method meets a degenerate row (x = 0 and Δ = 0) only as √gap"
+_ROOT_MISS = 1e-5
+"""√gap for a gap of 1e-10: on some processors rounding ends them a hundred times above 1e-12."""
 _SLOW = "Gauss-Seidel on dependent columns needs more than its 2,000 sweeps"
 EXPECTED_MISSES: dict[tuple[str, str], tuple[float, str]] = {
     **{
-        (name, kind): (limit, _ROOT)
-        for name, limit in (("clarabel", 1e-6), ("piqp", 3e-7))
+        (name, kind): (_ROOT_MISS, _ROOT)
+        for name in ("clarabel", "piqp")
         for kind in KINDS
         if kind == "degenerate" or kind == "tower" or kind.startswith("contact")
     },
@@ -473,3 +475,15 @@ def test_multipliers_are_carried_in_todays_scale(name: str):
     assert warm.iterations <= cold.iterations
     if name == "scs":
         assert warm.iterations < cold.iterations
+
+
+def test_highs_answers_whoever_used_it_before():
+    """It keeps the threads of its first run, and refused those that ours asked for."""
+    highspy = pytest.importorskip("highspy")
+    qp, Ax_star = random_qp("full_rank", 0)
+    highspy.Highs.resetGlobalScheduler(True)
+    theirs = highspy.Highs()
+    theirs.setOptionValue("output_flag", False)
+    theirs.setOptionValue("threads", 2)
+    theirs.run()
+    assert_same_force(qp, ask("highs", qp).solve(qp).x, Ax_star, TOLERANCE[False])

@@ -25,8 +25,8 @@ SMALL = tuple(
     kind for kind in KINDS if kind not in ("tower", "sparse_columns", "empty", "all_fixed")
 )
 _ROOT = "an interior-point method meets a degenerate row only as √gap"
-ALLOWED = {"clarabel": 1e-6, "piqp": 3e-7}
-"""Error at 1e-9 asked, for `_ROOT`; 1e-8 for the others."""
+ALLOWED = {"clarabel": 1e-5, "piqp": 1e-5}
+"""Error at 1e-9 asked, for `_ROOT` and a gap of 1e-10; 1e-8 for the others."""
 FAILS = {("highs", "residual"): "HiGHS ends with kSolveError on some QPs whose P is singular"}
 
 

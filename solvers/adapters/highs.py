@@ -46,6 +46,7 @@ def _greet() -> None:
 _greet()
 _COLUMNWISE = int(highspy.MatrixFormat.kColwise)
 _TRIANGULAR = int(highspy.HessianFormat.kTriangular)
+_REFUSED = highspy.HighsStatus.kError
 _MINIMISE = int(highspy.ObjSense.kMinimize)
 
 
@@ -100,8 +101,15 @@ class HiGHS(ProgramSolver):
         return Native(posed, model)
 
     def run(self, native: Native) -> Any:
-        """`Highs.run`."""
-        return native.object.run()
+        """`Highs.run`; once more where somebody else has chosen the threads of this process.
+
+        HiGHS keeps the number of threads of its first run and refuses another one.
+        """
+        status = native.object.run()
+        if status == _REFUSED:
+            highspy.Highs.resetGlobalScheduler(True)
+            status = native.object.run()
+        return status
 
     def outcome(self, native: Native, result: Any) -> Outcome:
         """HiGHS's model status and QP iterations."""

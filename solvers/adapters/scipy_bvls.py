@@ -15,6 +15,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from problems.qp import Status
@@ -40,9 +42,13 @@ class ScipyBVLS(PackageSolver):
     }
 
     def arrays(self, posed: Posed) -> Any:
-        """UᵀA, −Uᵀd and the bounds."""
+        """UᵀA, −Uᵀd and the bounds, of columns that are not zeros.
+
+        SciPy frees those, too, and may give up for what rounding makes of them.
+        """
         A, d = posed.reduced
-        return A, -d, (posed.lower, posed.upper)
+        some = _pushing(posed)
+        return A[:, some], -d, (posed.lower[some], posed.upper[some])
 
     def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
         """Nothing but the settings."""
@@ -57,4 +63,13 @@ class ScipyBVLS(PackageSolver):
 
     def outcome(self, native: Native, result: Any) -> Outcome:
         """SciPy's status and iterations."""
-        return Outcome(result.x, result.status, result.nit)
+        posed = native.posed
+        x = np.clip(0.0, posed.lower, posed.upper)
+        x[_pushing(posed)] = result.x
+        return Outcome(x, result.status, result.nit)
+
+
+def _pushing(posed: Posed) -> NDArray[np.bool_]:
+    """(n,) which columns of A are not zeros; all where none is."""
+    some = np.asarray(abs(posed.A).sum(axis=0) > 0).ravel()
+    return some if some.any() else np.ones(posed.n, bool)
