@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from math import inf, isnan, nan, sqrt
@@ -36,6 +37,16 @@ from solvers import make_solver
 from solvers.active_set.flops import qr_flops
 from tests.fake_recordings import fake_recording
 from tests.runs import short_recording
+
+
+@pytest.fixture(scope="module", autouse=True)
+def shortly() -> Iterator[None]:
+    """Times are measured, but not for long: no test here hangs on them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("harness.criterion.ENOUGH", 1e-3)
+        patch.setattr("harness.kept_factors.INTERVALS", (1, 5))
+        yield
+
 
 COUNTED = ["age", "descent_directions", "qr_factorizations", "cg_iterations", "flops", "m", "f"]
 
@@ -243,7 +254,10 @@ def test_growth_is_fitted_to_the_ages_of_all_runs() -> None:
     assert found.growth.means[0] >= 1.0
 
 
-def test_a_sparse_recording_is_measured_by_the_costs_of_its_own_path() -> None:
+def test_a_sparse_recording_is_measured_by_the_costs_of_its_own_path(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(recording_of.__globals__, "reference", lambda *_, **__: None)
     run = simulate(scene("wall", bodies=25), make_solver("lotstedt"), until=0.25)
     found = measure(recording_of(run, "lotstedt"), repeats=1)
     assert found is not None and found.criterion.sparse == 1.0

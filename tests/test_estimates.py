@@ -332,7 +332,11 @@ def test_larger_qps_are_left_out_and_a_long_recording_is_cut(
 
 @cache
 def examined() -> Examination:
-    return examine([short_recording("fig4", 80), short_recording("fig5", 80)], sizes=(1, 2, 3, 5))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("harness.kept_factors.INTERVALS", (1, 5))
+        patch.setattr("harness.kept_factors.LONGEST", 30)
+        recordings = [short_recording("fig4", 80), short_recording("fig5", 80)]
+        return examine(recordings, sizes=(1, 2, 3, 5))
 
 
 def tables(examination: Examination) -> dict[str, Table]:

@@ -14,13 +14,13 @@ from functools import cache
 
 import pytest
 
-from harness.expected_misses import ACCURATE_CLASS, EXPECTED, SCENES
+from harness.expected_misses import EXPECTED, SCENES
 from harness.recording import Recording
 from harness.verify import verify
 from solvers import describe, solver_names
 from tests.runs import scene_recording
 
-STRIDES = {**dict.fromkeys((*EXPECTED, *ACCURATE_CLASS), 3), "lotstedt": 1}
+STRIDES = {**dict.fromkeys(EXPECTED, 3), "lotstedt": 1}
 
 
 @cache
