@@ -45,7 +45,8 @@ RAISED = 1e-8
 TRIALS = 8
 """Choices of δ that are tried."""
 SOLVED = 1e-10
-"""Largest −w_i, and z_i w_i in units of z, of an answer, relative to q."""
+"""Largest |min(z_i, w_i)| of an answer, relative to q: columns have length 1, so both are in its
+units, whatever the masses."""
 GOLDEN = (5**0.5 - 1) / 2
 """Its multiples, modulo 1, are spread evenly and no two of them alike."""
 
@@ -89,8 +90,8 @@ def _group_multipliers(
     n_normals = assembly.friction_of.size
     normal = columns[:, normals].toarray()
     tangent = columns[:, n_normals + frictions].toarray()
-    size = np.linalg.norm(normal, axis=0)
-    A = np.hstack([normal / size, tangent, -tangent])
+    size, wide = np.linalg.norm(normal, axis=0), np.linalg.norm(tangent, axis=0)
+    A = np.hstack([normal / size, tangent / wide, -tangent / wide])
     M = np.zeros((N + 3 * F, N + 3 * F))
     M[: N + 2 * F, : N + 2 * F] = A.T @ A
     each = np.arange(F)
@@ -101,9 +102,9 @@ def _group_multipliers(
     place[frictions] = each
     loaded = np.flatnonzero(assembly.friction_of[normals] >= 0)
     rubs = assembly.friction_of[normals[loaded]]
-    M[cone[place[rubs]], loaded] = assembly.mu[rubs] / size[loaded]
+    M[cone[place[rubs]], loaded] = assembly.mu[rubs] * wide[place[rubs]] / size[loaded]
     z = lemke(M, np.concatenate([A.T @ d, np.zeros(F)]))
-    return None if z is None else (z[:N] / size, z[N + each] - z[N + F + each])
+    return None if z is None else (z[:N] / size, (z[N + each] - z[N + F + each]) / wide)
 
 
 def lemke(M: NDArray[np.float64], q: Vector) -> Vector | None:
@@ -164,6 +165,5 @@ def _solution(M: NDArray[np.float64], q: Vector, basis: Indices) -> Vector | Non
     values = np.zeros(2 * n)
     values[basis] = np.linalg.lstsq(columns, q, rcond=None)[0]
     z = np.maximum(values[n:], 0.0)
-    w = M @ z + q
-    off = max(-w.min(), np.abs(z * w).max() / (1.0 + z.max() / size))
+    off = np.abs(np.minimum(z, M @ z + q)).max()
     return z if off <= SOLVED * size else None

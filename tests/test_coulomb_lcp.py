@@ -106,6 +106,20 @@ def test_large_sparse_columns_are_taken_too(monkeypatch):
         np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_contacts_of_very_different_masses_are_solved(seed):
+    """Masses of 1 : 10⁶, whose columns are as different in length, and answers of 0 as rounded."""
+    stepper = Stepper(
+        scene("tower", bodies=12, mu=0.5),
+        make_solver("lotstedt"),
+        StepperOptions(1e-3, 1e-3, rest_speed=1e-3),
+    )
+    stepper.start()
+    hit, rng = Assembly(stepper.graph, stepper.q), np.random.default_rng(seed)
+    D = stepper.D * np.repeat(10.0 ** rng.uniform(-1.5, 1.5, 12), 3)
+    assert coulomb_multipliers(hit, D, D * rng.standard_normal(36)) is not None
+
+
 @pytest.mark.parametrize("keep", [False, True])
 def test_a_collision_whose_passes_cycle_for_redundant_contacts_settles(keep):
     """The LCP's Λ is not of least norm there; q̇₊ is what both agree on."""
