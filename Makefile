@@ -46,7 +46,7 @@ publish: study campaigns growth
 	mkdir reports/published/closed_loop
 	cp results/closed_loop/closed_loop* reports/published/closed_loop
 	COLUMNS=110 $(BIN)/python benchmarks/steps.py > reports/published/steps.txt
-	COLUMNS=110 $(BIN)/python benchmarks/processors.py > reports/published/processors.txt
+	COLUMNS=110 $(BIN)/python -m tests.endurance.processors > reports/published/processors.txt
 	find reports/published -name '*.svg' -delete
 
 campaigns: study
@@ -83,7 +83,7 @@ check: $(INSTALLED)
 	$(BIN)/python -m pytest -n auto -m "not slow"
 
 rounding: $(INSTALLED)
-	$(BIN)/python benchmarks/processors.py --run another -m pytest -n auto -m rounding
+	$(BIN)/python -m tests.endurance.processors --run another -m pytest -n auto -m rounding
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -33,14 +33,14 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-import problems.stepper as stepper_module
-import problems.velocity as velocity_module
+import problems.stepping.stepper as stepper_module
+import problems.stepping.velocity as velocity_module
 from problems import scene
-from problems.assembly import Assembly
-from problems.candidates import Candidates
+from problems.contacts.assembly import Assembly
+from problems.contacts.candidates import Candidates
 from problems.scenes import Scene
 from problems.sequence import QPSequence
-from problems.stepper import Stepper, StepperOptions
+from problems.stepping.stepper import Stepper, StepperOptions
 from solvers import make_solver
 
 SMALL = ({"name": "fig2"}, {"name": "fig3"}, {"name": "fig4"}, {"name": "fig5"})

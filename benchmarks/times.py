@@ -93,9 +93,9 @@ class Contestant:
 def contest(name: str, setting: str, sequences: Path) -> None:
     """The life of a contestant: say whose code this is, then answer [label, arm] with a median."""
     import solvers
-    from harness.facts import facts_of
-    from harness.measure import run_pass
-    from harness.threads import one_thread
+    from harness.judging.facts import facts_of
+    from harness.machine.threads import one_thread
+    from harness.passes.measure import run_pass
     from problems import ContactQP
 
     answer = sys.stdout
@@ -117,7 +117,7 @@ def contest(name: str, setting: str, sequences: Path) -> None:
 
 def write_sequences(labels: Sequence[str], path: Path) -> None:
     """Simulate the scenes and keep their QPs as plain arrays, which every version can read."""
-    from harness.study import parse_label
+    from harness.study.study import parse_label
     from problems import scene, simulate
     from solvers import make_solver
 

@@ -36,10 +36,10 @@ import numpy as np
 import pandas as pd
 import scipy.sparse as sp
 
-from harness.in_loop import METHOD
-from harness.measure import run_pass
-from harness.starts import ARMS
-from harness.study import parse_label
+from harness.motions.in_loop import METHOD
+from harness.passes.measure import run_pass
+from harness.passes.starts import ARMS
+from harness.study.study import parse_label
 from problems import ContactQP, Solution, scene, simulate
 from problems.qp import Matrix, WorkCounts
 from solvers import make_solver

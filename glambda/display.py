@@ -12,8 +12,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from harness.recording import Recording, Reference
-from harness.verify import ACCURATE_CLASS
+from harness.recordings.recording import Recording, Reference
+from harness.study.verify import ACCURATE_CLASS
 from problems.qp import KINDS
 from solvers.registry import SolverInfo
 
@@ -75,8 +75,8 @@ def solvers_table(described: Sequence[SolverInfo]) -> Table:
 
 def print_recording(console: Console, recording: Recording, path: str) -> None:
     """What a recording holds."""
-    from harness.cost_model import criterion_of
-    from harness.facts import UNKNOWN, rank_of
+    from harness.criterion.cost_model import criterion_of
+    from harness.judging.facts import UNKNOWN, rank_of
 
     qps = recording.qps
     kinds = ", ".join(
@@ -207,7 +207,7 @@ def _share(part: int, whole: int) -> str:
 
 
 def misses_table(lines: pd.DataFrame, title: str) -> Table:
-    """Lines of `harness.verify.misses`."""
+    """Lines of `harness.study.verify.misses`."""
     return table(
         title,
         (

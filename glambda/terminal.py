@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.segment import Segment
 
-from harness.printable import printable
+from harness.files.printable import printable
 
 
 class Terminal(Console):

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from harness.record import Progress as Tell
+from harness.study.record import Progress as Tell
 
 LINE_EVERY = 20.0
 """Seconds between two lines where there is no terminal."""

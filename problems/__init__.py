@@ -1,9 +1,9 @@
 """Physics → quadratic programs: bodies, contacts, the stepper and its scenes."""
 
 from problems.qp import ContactQP, Solution, Status
-from problems.run import Run
 from problems.scenes import Scene, describe_scene, scene, scene_names
-from problems.stepper import simulate
+from problems.stepping.run import Run
+from problems.stepping.stepper import simulate
 
 __all__ = [
     "ContactQP",

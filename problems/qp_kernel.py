@@ -21,7 +21,7 @@ from typing import Any, NamedTuple, Protocol
 
 from numba import types
 
-from problems.compiled import kernel
+from problems.kernels.compiled import kernel
 from problems.qp import Indices, Solution, Vector
 
 X = 0
@@ -39,7 +39,7 @@ SIGNATURE = types.boolean(
 
 
 class CompiledMethod(NamedTuple):
-    """A QP method: `solve` made with `problems.compiled.function_of`, and its mode."""
+    """A QP method: `solve` made with `problems.kernels.compiled.function_of`, and its mode."""
 
     solve: Any
     mode: int

@@ -21,7 +21,7 @@ from problems.qp import ContactQP, Solution, Status
 from problems.qp_kernel import CompiledMethod
 
 if TYPE_CHECKING:
-    from problems.run import Run
+    from problems.stepping.run import Run
 
 WARM_KINDS = ("step", "iteration", "corrector")
 """Kinds of QP that end a step; they follow one another smoothly enough for a warm start."""

@@ -18,9 +18,9 @@ from solvers.base import Solver
 
 BUILT_IN = {
     "lotstedt": "solvers.active_set.method:Lotstedt",
-    "velocity": "solvers.adapters.velocity:Velocity",
-    "enumeration": "solvers.adapters.enumeration:Enumeration",
-    "pgs": "solvers.adapters.pgs:ProjectedGaussSeidel",
+    "velocity": "solvers.baselines.velocity:Velocity",
+    "enumeration": "solvers.baselines.enumeration:Enumeration",
+    "pgs": "solvers.baselines.pgs:ProjectedGaussSeidel",
     "scipy_bvls": "solvers.adapters.scipy_bvls:ScipyBVLS",
     "osqp": "solvers.adapters.osqp:OSQP",
     "proxqp": "solvers.adapters.proxqp:ProxQP",

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import pytest
 from hypothesis import settings
 
-from harness.threads import ask_for_one_thread
+from harness.machine.threads import ask_for_one_thread
 
 ask_for_one_thread()
 signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -9,24 +9,24 @@ from __future__ import annotations
 
 import signal
 
-from harness.cli.app import app
-from harness.cli.streams import guard_streams
-from harness.threads import ask_for_one_thread
+from glambda.cli.app import app
+from glambda.cli.streams import guard_streams
+from harness.machine.threads import ask_for_one_thread
 
 # isort: off
 # in the order of --help
-from harness.cli import listing  # noqa: F401
-from harness.cli import simulation  # noqa: F401
-from harness.cli import replays  # noqa: F401
-from harness.cli import stretching  # noqa: F401
-from harness.cli import campaigns  # noqa: F401
-from harness.cli import convergence  # noqa: F401
-from harness.cli import painleve  # noqa: F401
-from harness.cli import loops  # noqa: F401
-from harness.cli import peers  # noqa: F401
-from harness.cli import studies  # noqa: F401
-from harness.cli import compare  # noqa: F401
-from harness.cli import check  # noqa: F401
+from glambda.cli import listing  # noqa: F401
+from glambda.cli import simulation  # noqa: F401
+from glambda.cli import replays  # noqa: F401
+from glambda.cli import stretching  # noqa: F401
+from glambda.cli import campaigns  # noqa: F401
+from glambda.cli import convergence  # noqa: F401
+from glambda.cli import painleve  # noqa: F401
+from glambda.cli import loops  # noqa: F401
+from glambda.cli import peers  # noqa: F401
+from glambda.cli import studies  # noqa: F401
+from glambda.cli import compare  # noqa: F401
+from glambda.cli import check  # noqa: F401
 # isort: on
 
 

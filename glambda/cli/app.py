@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import typer
 
-from harness.cli.streams import say
+from glambda.cli.streams import say
 
 if TYPE_CHECKING:
-    from harness.terminal import Terminal
+    from glambda.terminal import Terminal
 
 EPILOG = """A first walk:
 
@@ -145,7 +145,7 @@ def _give_up(error: Exception, code: int, message: str = "") -> None:
 
 def terminal(err: bool = False) -> Terminal:
     """The console of stdout or stderr."""
-    from harness.terminal import Terminal
+    from glambda.terminal import Terminal
 
     return Terminal(err)
 
@@ -178,7 +178,7 @@ def chosen_solvers(text: str) -> list[str]:
 
 
 def cluster_of(workers: int | None, cluster: str | None) -> str | int | None:
-    """What `harness.cluster.replayer` takes, of the two options."""
+    """What `harness.study.cluster.replayer` takes, of the two options."""
     if workers is not None and cluster is not None:
         raise ValueError("--workers and --cluster: give one of them")
     return workers if cluster is None else cluster

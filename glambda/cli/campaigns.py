@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.app import Files, app, chosen_solvers, terminal, told
-from harness.cli.streams import say
+from glambda.cli.app import Files, app, chosen_solvers, terminal, told
+from glambda.cli.streams import say
 
 
 @app.command()
@@ -27,11 +27,11 @@ def criterion(
 
     Example:  glambda criterion recordings/*.h5 -o criterion
     """
-    from harness.criterion import measure_all
-    from harness.examination import examine
+    from harness.criterion.criterion import measure_all
+    from harness.criterion.examination import examine
     from harness.progress import shown
-    from harness.recording import read_recording
-    from reports.criterion_report import print_criterion, write_criterion
+    from harness.recordings.recording import read_recording
+    from reports.criterion.page import print_criterion, write_criterion
 
     recordings = [read_recording(file) for file in files]
     with shown("criterion", terminal(err=True)) as tell:
@@ -68,9 +68,9 @@ def growth(
 
     Example:  glambda growth tower wall,mu=0.3 --bodies 5,20,100 -o growth
     """
-    from harness.growth import FAMILIES, Plan, measure_growth
+    from harness.claims.growth import FAMILIES, Plan, measure_growth
     from harness.progress import shown
-    from reports.growth import print_growth, write_growth
+    from reports.claims.growth import print_growth, write_growth
 
     plan = Plan(
         families=tuple(families or FAMILIES),
@@ -101,10 +101,10 @@ def stability(
 
     Example:  glambda stability -o stability
     """
+    from harness.claims.stability import CORNERS, check, measured_run, points_to_check
     from harness.progress import shown
-    from harness.stability import CORNERS, check, measured_run, points_to_check
-    from reports.stability import runs_table, write_stability
-    from reports.table import print_tables
+    from reports.claims.stability import runs_table, write_stability
+    from reports.parts.table import print_tables
     from solvers import make_solver
 
     solver = make_solver("lotstedt")

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from harness.cli.app import Until, app, terminal, told
+from glambda.cli.app import Until, app, terminal, told
 
 if TYPE_CHECKING:
-    from harness.check import Finding
+    from harness.study.check import Finding
 
 checks = typer.Typer(no_args_is_help=True, help="Is this solver, scene or recording right?")
 app.add_typer(checks, name="check")
@@ -24,7 +24,7 @@ def solver(name: Annotated[str, typer.Argument(help="see 'glambda solvers'")]) -
 
     Example:  glambda check solver daqp
     """
-    from harness.check import check_solver
+    from harness.study.check import check_solver
 
     tell(check_solver(name))
 
@@ -39,7 +39,7 @@ def scene(
 
     Example:  glambda check scene tower,bodies=3
     """
-    from harness.check import check_scene
+    from harness.study.check import check_scene
 
     tell(check_scene(label, until))
 
@@ -51,7 +51,7 @@ def recording(path: Annotated[Path, typer.Argument(metavar="FILE", help="a recor
 
     Example:  glambda check recording recordings/fig4.h5
     """
-    from harness.check import check_recording
+    from harness.study.check import check_recording
 
     tell(check_recording(path))
 

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from harness.cli.app import app, terminal, told
+from glambda.cli.app import app, terminal, told
 
 if TYPE_CHECKING:
     import pandas as pd
     from rich.table import Table
 
-    from harness.changes import Changes
+    from harness.results.changes import Changes
 
 RUN = ("scene", "setting", "arm", "solver")
 
@@ -37,7 +37,7 @@ def compare(
 
     Example:  glambda compare results-before results-after
     """
-    from harness.changes import compare_results
+    from harness.results.changes import compare_results
 
     with terminal(err=True).status("comparing"):
         changes = compare_results(first, second)
@@ -64,7 +64,7 @@ def machine(changes: Changes) -> str:
     """What is said of the machine."""
     from math import isnan
 
-    from harness.time_ratios import FEWEST_PACKAGES
+    from harness.results.time_ratios import FEWEST_PACKAGES
 
     ratios = changes.ratios
     pace = "" if isnan(changes.pace) else f"; a fixed piece of work took {changes.pace:.2f} ×"
@@ -95,7 +95,7 @@ def tables(changes: Changes, every: bool) -> list[Table]:
 
 def solvers_table(changes: Changes) -> Table:
     """The runs of each solver taken together."""
-    from harness.display import table
+    from glambda.display import table
 
     return table(
         "Solvers: time relative to the machine",
@@ -106,7 +106,7 @@ def solvers_table(changes: Changes) -> Table:
 
 def runs_table(times: pd.DataFrame) -> Table:
     """Runs with their times."""
-    from harness.display import table
+    from glambda.display import table
 
     return table(
         "Runs: time relative to the machine (µs: median over the QPs)",
@@ -120,7 +120,7 @@ def runs_table(times: pd.DataFrame) -> Table:
 
 def counts_table(counts: pd.DataFrame) -> Table:
     """Sums of work counts."""
-    from harness.display import table
+    from glambda.display import table
 
     return table(
         "Work counts that differ (sums over the QPs)",
@@ -134,7 +134,7 @@ def counts_table(counts: pd.DataFrame) -> Table:
 
 def verdicts_table(verdicts: pd.DataFrame) -> Table:
     """Verdicts of QPs."""
-    from harness.display import table
+    from glambda.display import table
 
     return table(
         "Verdicts that differ",

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.app import app, terminal, told
-from harness.cli.streams import say
+from glambda.cli.app import app, terminal, told
+from glambda.cli.streams import say
 
 
 @app.command()
@@ -27,10 +27,10 @@ def convergence(
 
     Example:  glambda convergence fig4 tower,bodies=5,lean=0.1 -o convergence
     """
-    from harness.convergence import SCENES, measure_convergence
+    from harness.claims.convergence import SCENES, measure_convergence
     from harness.progress import shown
-    from reports.convergence import convergence_tables, write_convergence
-    from reports.table import print_tables
+    from reports.claims.convergence import convergence_tables, write_convergence
+    from reports.parts.table import print_tables
     from solvers import make_solver
 
     with shown("convergence", terminal(err=True)) as tell:

@@ -7,15 +7,15 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.app import app, terminal, told
-from harness.cli.streams import say
+from glambda.cli.app import app, terminal, told
+from glambda.cli.streams import say
 
 
 @app.command()
 @told
 def scenes() -> None:
     """List the scenes, with their parameters and defaults."""
-    from harness.display import scenes_table
+    from glambda.display import scenes_table
     from problems import describe_scene, scene_names
 
     terminal().print(scenes_table({name: describe_scene(name) for name in scene_names()}))
@@ -29,7 +29,7 @@ def solvers() -> None:
     The form says what a package is fed: "normal" is P = AᵀA, which squares the condition;
     "residual" keeps y = A x + d as rows. Starred ones are held to miss no A x at all.
     """
-    from harness.display import solvers_table
+    from glambda.display import solvers_table
     from solvers import describe
     from solvers.registry import solver_names
 
@@ -49,9 +49,9 @@ def info(
 
     Example:  glambda info recordings/fig4.h5
     """
-    from harness.display import print_recording, replay_table
-    from harness.recording import read_recording
-    from harness.store import read_results
+    from glambda.display import print_recording, replay_table
+    from harness.recordings.recording import read_recording
+    from harness.results.store import read_results
 
     console = terminal()
     for path in paths:

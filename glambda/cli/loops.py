@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.app import Eps, Solvers, Until, app, chosen_solvers, split_names, terminal, told
-from harness.cli.streams import say
+from glambda.cli.app import Eps, Solvers, Until, app, chosen_solvers, split_names, terminal, told
+from glambda.cli.streams import say
 
 
 @app.command()
@@ -45,10 +45,10 @@ def closed_loop(
 
     Example:  glambda closed-loop fig4 --solvers lotstedt,clarabel,osqp --settings paper,1e-3
     """
-    from harness.closed_loop import Plan, close_loops
+    from harness.motions.closed_loop import Plan, close_loops
     from harness.progress import shown
-    from harness.study import PAPER_SCENES
-    from reports.closed_loop import print_closed_loop, write_closed_loop
+    from harness.study.study import PAPER_SCENES
+    from reports.motions.closed_loop import print_closed_loop, write_closed_loop
 
     plan = Plan(
         scenes=tuple(scenes or PAPER_SCENES),

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.app import app, terminal, told
-from harness.cli.streams import say
+from glambda.cli.app import app, terminal, told
+from glambda.cli.streams import say
 
 
 @app.command()
@@ -22,10 +22,10 @@ def painleve(
 
     Example:  glambda painleve -o painleve
     """
-    from harness.painleve import measure_painleve
+    from harness.claims.painleve import measure_painleve
     from harness.progress import shown
-    from reports.painleve import painleve_tables, write_painleve
-    from reports.table import print_tables
+    from reports.claims.painleve import painleve_tables, write_painleve
+    from reports.parts.table import print_tables
     from solvers import make_solver
 
     with shown("painleve", terminal(err=True)) as tell:

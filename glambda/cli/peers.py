@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.app import app, split_names, terminal, told
-from harness.cli.streams import say
+from glambda.cli.app import app, split_names, terminal, told
+from glambda.cli.streams import say
 
 
 @app.command()
@@ -42,7 +42,7 @@ def peers(
     from harness.peers.compare import table_of
     from harness.peers.tasks import DEFAULT
     from harness.progress import shown
-    from reports.peers import print_peers, write_peers
+    from reports.peers.page import print_peers, write_peers
 
     chosen = split_names(engines, list(ENGINES))
     plan = Plan(

@@ -10,7 +10,7 @@ import typer
 if TYPE_CHECKING:
     import pandas as pd
 
-from harness.cli.app import (
+from glambda.cli.app import (
     Cluster,
     Files,
     Solvers,
@@ -22,8 +22,8 @@ from harness.cli.app import (
     terminal,
     told,
 )
-from harness.cli.simulation import recorded
-from harness.cli.streams import say
+from glambda.cli.simulation import recorded
+from glambda.cli.streams import say
 
 
 @app.command()
@@ -64,13 +64,13 @@ def replay(
 
     One row again:  glambda replay recordings/fig4.h5 --solvers osqp --settings high --qp 17
     """
-    from harness.display import print_row, replay_table
-    from harness.facts import SETTINGS
+    from glambda.display import print_row, replay_table
+    from harness.judging.facts import SETTINGS
+    from harness.passes.starts import EVERY_ARM
     from harness.progress import shown
-    from harness.recording import read_recording
-    from harness.replay import replay as replay_all
-    from harness.replay import reproduce
-    from harness.starts import EVERY_ARM
+    from harness.recordings.recording import read_recording
+    from harness.study.replay import replay as replay_all
+    from harness.study.replay import reproduce
 
     names = chosen_solvers(solvers)
     chosen, runs = split_names(settings, list(SETTINGS)), split_names(arms, list(EVERY_ARM))
@@ -101,7 +101,7 @@ def replay(
 
 def told_if_disturbed(rows: pd.DataFrame) -> None:
     """Exit 1 with the runs that are no result of a solver, and why."""
-    from harness.store import is_disturbed
+    from harness.results.store import is_disturbed
 
     disturbed = rows[[is_disturbed(row) for row in rows[["status_text"]].to_dict("records")]]
     if disturbed.empty:
@@ -134,10 +134,10 @@ def verify(
     """
     import tempfile
 
-    from harness.display import misses_table
+    from glambda.display import misses_table
     from harness.progress import shown
-    from harness.recording import read_recording
-    from harness.verify import verify as verify_all
+    from harness.recordings.recording import read_recording
+    from harness.study.verify import verify as verify_all
 
     names = chosen_solvers(solvers)
     if files:

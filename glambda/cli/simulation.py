@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from harness.cli.app import (
+from glambda.cli.app import (
     Drift,
     DriftTime,
     DropTol,
@@ -25,7 +25,7 @@ from harness.cli.app import (
 )
 
 if TYPE_CHECKING:
-    from harness.recording import Recording
+    from harness.recordings.recording import Recording
     from problems import Run
 
 
@@ -56,9 +56,9 @@ def simulate(
 
     Example:  glambda simulate fig4 --set mu_I=0.8 --solver daqp --plot fig4.png
     """
-    from harness.display import print_run
+    from glambda.display import print_run
     from harness.progress import shown
-    from harness.study import parse_label, parse_settings
+    from harness.study.study import parse_label, parse_settings
     from problems import scene as make_scene
     from problems import simulate as run_scene
     from problems.sequence import SimulationError
@@ -108,11 +108,11 @@ def _write(run: Run, table: Path | None, picture: Path | None, film: Path | None
         run.events.to_csv(events, index=False)
         written.insert(1, events)
     if picture is not None:
-        from reports.figures import plot_scene
+        from reports.sections.figures import plot_scene
 
         plot_scene(run, picture)
     if film is not None:
-        from reports.figures import animate_scene
+        from reports.sections.figures import animate_scene
 
         animate_scene(run, film)
     return written
@@ -180,12 +180,12 @@ def recorded(
     folder: Path,
     overwrite: bool = False,
 ) -> list[tuple[Recording, Path]]:
-    from harness.kept_recording import first_difference, how_run, kept_recording
     from harness.progress import shown
-    from harness.record import record as record_scene
-    from harness.record import recording_label
-    from harness.recording import write_recording
-    from harness.study import PAPER_SCENES, parse_label, parse_settings
+    from harness.recordings.recording import write_recording
+    from harness.study.kept_recording import first_difference, how_run, kept_recording
+    from harness.study.record import record as record_scene
+    from harness.study.record import recording_label
+    from harness.study.study import PAPER_SCENES, parse_label, parse_settings
     from problems import scene as make_scene
 
     named = [parse_label(label) for label in labels or PAPER_SCENES]

@@ -9,7 +9,7 @@ from typing import Any
 
 import typer
 
-from harness.printable import printable
+from harness.files.printable import printable
 
 
 class _Forgiving(io.FileIO):

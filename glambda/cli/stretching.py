@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.app import Files, app, split_names, terminal, told
-from harness.cli.streams import say
+from glambda.cli.app import Files, app, split_names, terminal, told
+from glambda.cli.streams import say
 
 
 @app.command()
@@ -30,8 +30,8 @@ def stretch(
     glambda replay stretched/*.h5 --solvers forms -o results
     """
     from harness.progress import shown
-    from harness.recording import read_recording, write_recording
-    from harness.stretch import stretched
+    from harness.recordings.recording import read_recording, write_recording
+    from harness.study.stretch import stretched
 
     for path in files:
         recording = read_recording(path)

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.app import Cluster, Workers, app, chosen_solvers, cluster_of, terminal, told
-from harness.cli.streams import say
+from glambda.cli.app import Cluster, Workers, app, chosen_solvers, cluster_of, terminal, told
+from glambda.cli.streams import say
 
 
 @app.command()
@@ -21,7 +21,7 @@ def report(
 
     Example:  glambda report results -o report
     """
-    from reports.page import write_report
+    from reports.page.page import write_report
 
     with terminal(err=True).status("drawing the report"):
         page = write_report(results, output)
@@ -56,11 +56,11 @@ def study(
     """
     from dataclasses import replace as with_changes
 
-    from harness.display import replay_table
+    from glambda.display import replay_table
     from harness.progress import shown
-    from harness.store import read_results
-    from harness.study import PAPER_SCENES, QUICK, Plan, run_study
-    from reports.page import write_report
+    from harness.results.store import read_results
+    from harness.study.study import PAPER_SCENES, QUICK, Plan, run_study
+    from reports.page.page import write_report
 
     plan = QUICK if quick else Plan()
     if scenes is not None:

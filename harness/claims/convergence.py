@@ -2,9 +2,9 @@
 
 (3.5) chooses h so that the local error of q is ε h, an error per unit step: over a smooth stretch
 the error of the motion is then proportional to ε.  To see whether it is, ε is swept with `drop_tol`
-fixed and with both bounds of h; each run is compared with a reference (`harness.reference_motion`).
-The exponent p in error = C εᵖ is fitted to the logarithms of all errors above rounding, and to
-those with ε ≤ `FINE`.
+fixed and with both bounds of h; each run is compared with a reference
+(`harness.claims.reference_motion`). The exponent p in error = C εᵖ is fitted to the logarithms of
+all errors above rounding, and to those with ε ≤ `FINE`.
 """
 
 from __future__ import annotations
@@ -17,8 +17,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from harness.record import Progress
-from harness.reference_motion import (
+from harness.claims.reference_motion import (
     BOUNDS,
     STRETCHES,
     Case,
@@ -27,7 +26,8 @@ from harness.reference_motion import (
     reference_of,
     run_case,
 )
-from harness.stabilization import ROUNDS, compare_rules
+from harness.claims.stabilization import ROUNDS, compare_rules
+from harness.study.record import Progress
 from problems.sequence import SolvesQPs
 
 SWEEP = tuple(float(f"{10 ** (-k / 2):.2g}") for k in range(4, 13))
@@ -136,7 +136,7 @@ def costs(swept: pd.DataFrame) -> pd.DataFrame:
 
 
 class Converged(NamedTuple):
-    """The campaign: the sweep of ε, and the rules of drift (`harness.stabilization`)."""
+    """The campaign: the sweep of ε, and the rules of drift (`harness.claims.stabilization`)."""
 
     swept: pd.DataFrame
     drifted: pd.DataFrame

@@ -5,15 +5,15 @@ For each family of scenes and each number of bodies, smallest first:
 1. A short motion is recorded, `STEPS` steps of `STEP` seconds without error control, so that all
    sizes are asked the same.  Beyond `CROSSOVER` columns A is stored sparse, which every package
    that takes sparse matrices is faster with, and with a pattern that keeps (`whole_bodies`).
-2. It is replayed at accuracy `high` through the backends (`harness.replay`: interleaved passes,
-   answers judged, the least time of each QP counts), each warm, or cold where it has no way of
-   keeping anything from one QP to the next.
+2. It is replayed at accuracy `high` through the backends (`harness.study.replay`: interleaved
+   passes, answers judged, the least time of each QP counts), each warm, or cold where it has no way
+   of keeping anything from one QP to the next.
 3. A backend whose median call exceeds the limit, or by its growth would exceed `FAR` limits at the
    next size, or fewer than half of whose answers are verified, is not tried there; the reason is
    kept.
 
 The folder holds recordings and results.  What is finished in it is not done again; it belongs to
-one version of the code, and refuses another's (`harness.store`).
+one version of the code, and refuses another's (`harness.results.store`).
 
 The exponent p in time ~ k^p is fitted by least squares to the logarithms, over the sizes of
 `FIT_FROM` columns and more: below, what is spent on every call, whatever its size, hides it.  Its
@@ -32,11 +32,11 @@ import numpy as np
 import pandas as pd
 import scipy.sparse as sp
 
-from harness.kept_recording import how_run, recording_in
-from harness.record import Progress, recording_of
-from harness.recording import Recording
-from harness.replay import replay
-from harness.study import parse_label
+from harness.recordings.recording import Recording
+from harness.study.kept_recording import how_run, recording_in
+from harness.study.record import Progress, recording_of
+from harness.study.replay import replay
+from harness.study.study import parse_label
 from problems import ContactQP, simulate
 from problems import scene as make_scene
 from problems.qp import Matrix
@@ -170,8 +170,8 @@ def measure_growth(
     verified : share of the QPs;  qps : their number
     iterations, factorizations : means per QP, of the solver's own counting;  NaN where unknown
 
-    Raises ValueError and ImportError as `harness.replay.replay` does, and StoreError where the
-    folder holds results of other code.
+    Raises ValueError and ImportError as `harness.study.replay.replay` does, and StoreError where
+    the folder holds results of other code.
     """
     folder = Path(folder)
     rows: list[dict[str, Any]] = []

@@ -1,8 +1,8 @@
 """Painlevé's rod: runs of the stepper where Coulomb's law has no motion, or two.
 
 1. The first step after a jump in q̇, as h → 0: does it stay bounded (§4.2)?
-2. Growth over a fixed time: by `harness.slide.growth` to the power t/h, whatever the first step
-   does, until the slip has ended.
+2. Growth over a fixed time: by `harness.claims.slide.growth` to the power t/h, whatever the first
+   step does, until the slip has ended.
 3. What becomes of the rod by each friction rule, beside the impulse without a collision.
 4. The rod that rises towards γ = 1 while it slides.
 """
@@ -16,10 +16,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from harness.record import Progress
-from harness.slide import STEEPEST, growth, rod_of_gain, slide_of
+from harness.claims.slide import STEEPEST, growth, rod_of_gain, slide_of
+from harness.study.record import Progress
 from problems import Run, scene, simulate
-from problems.friction import FrictionRule
+from problems.friction.rules import FrictionRule
 from problems.qp import Vector
 from problems.sequence import SolvesQPs
 

@@ -5,7 +5,7 @@
    jumps, as when a contact lets go, the step across has h_max and an error of O(h_max²).
 2. Poses and velocities are read at the same times, `TIMES` of them, off both runs by cubic
    interpolation.  The error of a body is ‖δ(x, y)‖ + R |δφ|, and the same of q̇, see
-   `harness.motion_error`; the largest one over bodies counts.
+   `harness.motions.motion_error`; the largest one over bodies counts.
 3. Four stretches of time: until a step before the first event of any kind, if that is no impact;
    until the first impact; from it to the `LATE`th; later.  Times within `CLEAR` of an impact of the
    reference are left out: q̇ jumps there, and the times of two impacts differ.
@@ -21,10 +21,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.hermite import hermite
-from harness.motion_error import displacement, motion_of
+from harness.motions.hermite import hermite
+from harness.motions.motion_error import displacement, motion_of
 from harness.peers.ours import BOUNDED, FIRST_STEP, LARGEST_BOUND, LARGEST_STEP, SHARE
-from harness.study import parse_label
+from harness.study.study import parse_label
 from problems import Run, Scene, scene, simulate
 from problems.qp import Vector
 from problems.sequence import SolvesQPs

@@ -29,10 +29,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from harness.record import Progress
+from harness.study.record import Progress
 from problems import Scene, simulate
-from problems.bodies import box
-from problems.forces import SpringDamper
+from problems.bodies.bodies import box
+from problems.bodies.forces import SpringDamper
 from problems.qp import Vector
 from problems.sequence import SolvesQPs
 

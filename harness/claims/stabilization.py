@@ -1,9 +1,9 @@
-"""What the rules against drift are worth: gaps, motion, energy, steps and time (`problems.drift`).
+"""What the rules against drift are worth: gaps, motion, energy, steps and time.
 
-The same scenes as in `harness.convergence`, with the same reference and h ≤ 0.3 √ε.  The rules run
-in turn, round after round, each with its QPs kept, so that all go through the same code; the first
-line of every ε is the run without a rule whose quiet steps are compiled (`problems.quiet`), which
-neither rule has.  The least time of a rule counts.
+The same scenes as in `harness.claims.convergence`, with the same reference and h ≤ 0.3 √ε.  The
+rules run in turn, round after round, each with its QPs kept, so that all go through the same code;
+the first line of every ε is the run without a rule whose quiet steps are compiled
+(`problems.stepping.quiet`), which neither rule has.  The least time of a rule counts.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from harness.record import Progress
-from harness.reference_motion import Case, Reference, run_case
-from harness.run_physics import energy, last_answers, loaded_gaps, overlap
+from harness.claims.reference_motion import Case, Reference, run_case
+from harness.motions.run_physics import energy, last_answers, loaded_gaps, overlap
+from harness.study.record import Progress
 from problems import Run
-from problems.drift import DriftRule
 from problems.qp import Vector
 from problems.sequence import SolvesQPs
+from problems.stepping.drift import DriftRule
 
 TOLERANCES = (1e-3, 1e-4)
 """ε of the runs."""

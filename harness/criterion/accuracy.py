@@ -31,10 +31,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from harness.factor_rules import NEVER
-from harness.facts import facts_of
-from harness.oracle import reference
-from harness.recording import Recording, Reference
+from harness.criterion.factor_rules import NEVER
+from harness.judging.facts import facts_of
+from harness.judging.oracle import reference
+from harness.recordings.recording import Recording, Reference
 from problems.qp import ContactQP, Solution, Vector
 from problems.sequence import WARM_KINDS
 from solvers import make_solver

@@ -38,9 +38,9 @@ import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from harness.unit_costs import goes_sparse
 from problems.qp import ContactQP, Vector, positions_of
-from solvers.active_set.sparse_direction import FIRST_SHIFT
+from solvers.active_set.sparse.direction import FIRST_SHIFT
+from solvers.active_set.unit_costs import goes_sparse
 
 AGES = (1, 2, 3, 5, 8, 12, 18, 25, 40, 60, 100)
 SAMPLES = 24

@@ -11,8 +11,8 @@ when a solve needs more than c s*^r iterations; for c = r = 1, the paper's choic
 above.)
 
 C_QR and C_IT are counted for A_F at the reference solution of each recorded QP, as the paper's
-method counts its own work (`harness.unit_costs`).  c and r are fitted to iterations that were
-counted at known ages of R (`fit_growth`).
+method counts its own work (`solvers.active_set.unit_costs`).  c and r are fitted to iterations that
+were counted at known ages of R (`fit_growth`).
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from math import exp, inf, nan
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from harness.recording import Recording
-from harness.unit_costs import UnitCosts, dense_costs, goes_sparse, sparse_costs
+from harness.recordings.recording import Recording
 from problems.sequence import WARM_KINDS
-from solvers.active_set.sparse_pattern import make_pattern
+from solvers.active_set.sparse.pattern import make_pattern
+from solvers.active_set.unit_costs import UnitCosts, dense_costs, goes_sparse, sparse_costs
 
 CLASS_RATIO = 1.5
 """Ages of R are gathered in classes, each reaching so many times further than the one before."""

@@ -24,11 +24,11 @@ What is done, for one recording:
    drops the start.  The first run factorizes always and tells the size of A_F and the descent
    directions of each QP; then come all fixed intervals.
 2. C_QR and C_IT are counted from these sizes; c and r are fitted to the iterations of all runs,
-   each QP at the age of its R (`harness.cost_model`).
+   each QP at the age of its R (`harness.criterion.cost_model`).
 3. The intervals predicted and the other rules are run.
 4. All runs are repeated, in turn, short ones more often; the least time of each QP counts.
    Seconds per factorization and per iteration are fitted to these times and the counts.
-5. A and R are compared with what they were s steps earlier (`harness.drift`).
+5. A and R are compared with what they were s steps earlier (`harness.criterion.column_drift`).
 
 A cost is the mean of all counted operations, or of the time of the compiled call, over the QPs that
 have a predecessor and a free column: what a restart costs is the same under every rule.  The regret
@@ -48,7 +48,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from harness.cost_model import (
+from harness.criterion.column_drift import drift, predicted_exponent
+from harness.criterion.cost_model import (
     Criterion,
     Growth,
     criterion_of_costs,
@@ -56,8 +57,7 @@ from harness.cost_model import (
     optimal_interval,
     threshold,
 )
-from harness.drift import drift, predicted_exponent
-from harness.factor_rules import (
+from harness.criterion.factor_rules import (
     Link,
     Rule,
     as_shipped,
@@ -70,11 +70,11 @@ from harness.factor_rules import (
     sequence,
     stopping_at,
 )
-from harness.record import Progress
-from harness.recording import Recording
-from harness.threads import one_thread
-from harness.unit_costs import UnitCosts
-from harness.unit_times import UnitTimes, fit_unit_times
+from harness.criterion.unit_times import UnitTimes, fit_unit_times
+from harness.machine.threads import one_thread
+from harness.recordings.recording import Recording
+from harness.study.record import Progress
+from solvers.active_set.unit_costs import UnitCosts
 
 SWEEP = (1, 2, 3, 5, 8, 12, 18, 25, 40, 60, 100, inf)
 """Fixed intervals that are tried."""
@@ -133,12 +133,12 @@ class Measurement:
     """All that was measured on one recording.
 
     criterion : counted C_QR and C_IT;  growth : c and r, or None;  times : in seconds, see
-        `harness.unit_times`
+        `harness.criterion.unit_times`
     predicted : the intervals s* "paper" (c = r = 1), "fitted", and "time" (c = r = 1, measured
         costs);  inf: never
     sweep : runs of fixed intervals, by interval;  rules : runs by the names of `RULES`
     directions : (n,) descent directions of each QP where A_F is always factorized
-    drift : see `harness.drift`;  exponent : r predicted from it, NaN where unknown
+    drift : see `harness.criterion.column_drift`;  exponent : r predicted from it, NaN where unknown
     """
 
     scene: str

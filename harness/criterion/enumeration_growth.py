@@ -6,7 +6,7 @@ the signs are wrong; "this approach can be very slow for larger problems".
 
 A set is one guess, with one linear system to solve; a descent direction of the paper's method is
 one linear system too (3.19), so that both are counted in the same unit.  Guesses are taken by their
-distance from a first one (`solvers.adapters.enumeration`): cold, the rows that least squares
+distance from a first one (`solvers.baselines.enumeration`): cold, the rows that least squares
 without bounds leaves inside; warm, the recorded set of the QP before.  With t rows wrong in that
 guess, some C(k, t) 2ᵗ sets come first: what matters is how good the guess is, and where a share of
 k is wrong the sets grow as bᵏ.
@@ -31,8 +31,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from harness.recording import Recording
-from harness.threads import one_thread
+from harness.machine.threads import one_thread
+from harness.recordings.recording import Recording
 from problems.qp import ContactQP, Solution
 from problems.sequence import WARM_KINDS
 from solvers import make_solver

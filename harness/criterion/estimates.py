@@ -23,10 +23,10 @@ import pandas as pd
 import scipy.linalg
 import scipy.sparse as sp
 
-from harness.drift import AGES
-from harness.factor_rules import Link, sequence
-from harness.facts import RANK_TOL
-from harness.recording import Recording
+from harness.criterion.column_drift import AGES
+from harness.criterion.factor_rules import Link, sequence
+from harness.judging.facts import RANK_TOL
+from harness.recordings.recording import Recording
 from problems.qp import FREE, PASSIVE, ContactQP, Indices, Solution, Vector, positions_of
 from solvers.active_set.factorization import inverse_norm_estimate, karasalo_bound, qr_factorize
 from solvers.active_set.workspace import LANES, N_FLOAT_ROWS, F, make_workspace

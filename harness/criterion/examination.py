@@ -1,9 +1,10 @@
 """All that is checked of the method besides its criterion, on a set of recordings.
 
-The estimates that it trusts (`harness.estimates`), the accuracy that (3.20) promises
-(`harness.accuracy`), guessing the active set beside it (`harness.enumeration_growth`), two ways
-to the minimum-norm multipliers (`harness.minimum_norm_ways`), and what other packages can keep from
-QP to QP (`harness.kept_factors`).
+The estimates that it trusts (`harness.criterion.estimates`), the accuracy that (3.20) promises
+(`harness.criterion.accuracy`), guessing the active set beside it
+(`harness.criterion.enumeration_growth`), two ways to the minimum-norm multipliers
+(`harness.criterion.minimum_norm_ways`), and what other packages can keep from QP to QP
+(`harness.criterion.kept_factors`).
 """
 
 from __future__ import annotations
@@ -13,13 +14,13 @@ from dataclasses import dataclass, field
 
 import pandas as pd
 
-from harness.accuracy import accuracy_of
-from harness.enumeration_growth import SIZES, randomly, recorded
-from harness.estimates import Estimates, estimates_of
-from harness.kept_factors import kept_factors, no_runs
-from harness.minimum_norm_ways import MinimumNormWays, minimum_norm_ways
-from harness.record import Progress
-from harness.recording import Recording
+from harness.criterion.accuracy import accuracy_of
+from harness.criterion.enumeration_growth import SIZES, randomly, recorded
+from harness.criterion.estimates import Estimates, estimates_of
+from harness.criterion.kept_factors import kept_factors, no_runs
+from harness.criterion.minimum_norm_ways import MinimumNormWays, minimum_norm_ways
+from harness.recordings.recording import Recording
+from harness.study.record import Progress
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,11 +17,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from harness.recording import Recording
-from harness.unit_costs import UnitCosts, costs_counted
+from harness.recordings.recording import Recording
 from problems.qp import FREE, ContactQP, Solution, WorkCounts
 from problems.sequence import WARM_KINDS
 from solvers import make_solver
+from solvers.active_set.unit_costs import UnitCosts, costs_counted
 
 NEVER = 10**9
 """As an interval of the solver: longer than any recording."""

@@ -18,11 +18,11 @@ Everything else is as in the adapters: x and multipliers are carried from QP to 
 today's.  "osqp, P" is the exception: with an old P another QP is solved, and only the error of A x
 tells whether that mattered.  Where rows come or go, everything is set up anew under every interval.
 
-Each sequence is that of `harness.factor_rules`, its first `LONGEST` QPs, at setting `paper`.  The
-cost of a QP is the package's own, setup and solve, the least of some runs that are taken in turn.
-The mean is reported and not the median, because one QP in s carries the renewal.  An answer is
-verified when ‖A δx‖ against the recorded reference is at most `VERIFIED_WITHIN` times the accuracy
-asked.  The paper's method stands beside the packages, as it is shipped.
+Each sequence is that of `harness.criterion.factor_rules`, its first `LONGEST` QPs, at setting
+`paper`.  The cost of a QP is the package's own, setup and solve, the least of some runs that are
+taken in turn. The mean is reported and not the median, because one QP in s carries the renewal.  An
+answer is verified when ‖A δx‖ against the recorded reference is at most `VERIFIED_WITHIN` times the
+accuracy asked.  The paper's method stands beside the packages, as it is shipped.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from harness.factor_rules import Link, sequence
-from harness.in_loop import METHOD
-from harness.judge import VERIFIED_WITHIN
-from harness.recording import Recording
-from harness.threads import one_thread
+from harness.criterion.factor_rules import Link, sequence
+from harness.judging.judge import VERIFIED_WITHIN
+from harness.machine.threads import one_thread
+from harness.motions.in_loop import METHOD
+from harness.recordings.recording import Recording
 from problems.qp import Solution
 from solvers import describe, make_solver
-from solvers.adapters.forms import Built, Native, PackageSolver, same_pattern
+from solvers.adapters.posed import Built, Native, PackageSolver, same_pattern
 from solvers.base import Solver, Start
 
 INTERVALS = (1, 2, 5, 10, 20, inf)

@@ -5,9 +5,9 @@ Lötstedt 1984, §4.2: where A lacks full column rank, the multipliers λ* of (4
     minimise ½ λᵀλ   subject to   A λ = A λ* = b,   lower ≤ λ ≤ upper                      (4.8)
 
 The paper takes Q₂, a basis of N(A), from a QR decomposition of Aᵀ at every step, λ = λ_R + Q₂ z,
-and solves for z; `problems.minimum_norm` does.  It names, without telling it, "a method, where old
-decompositions are utilized to accelerate a conjugate gradient procedure" (its [32]).  The one here
-is our own reading of that sentence.  It needs neither Q nor Q₂:
+and solves for z; `problems.least_norm.minimum_norm` does.  It names, without telling it, "a method,
+where old decompositions are utilized to accelerate a conjugate gradient procedure" (its [32]).  The
+one here is our own reading of that sentence.  It needs neither Q nor Q₂:
 
 1. The optimum is λ = clip(Aᵀ y, lower, upper) with y such that A λ = b: these are the conditions
    λ − Aᵀ y = s with s ≥ 0 at a lower bound, ≤ 0 at an upper one and 0 between.
@@ -39,7 +39,7 @@ import numpy as np
 import scipy.linalg as sla
 from numpy.typing import NDArray
 
-from problems.minimum_norm import RANK_TOL
+from problems.least_norm.minimum_norm import RANK_TOL
 from problems.qp import Indices, Vector
 from solvers.active_set.flops import cg_iteration_flops
 

@@ -3,15 +3,16 @@
 Lötstedt 1984, §4.2: (4.8) "requires one QR decomposition per time-step", where old decompositions
 with conjugate gradients might do.  Compared are
 
-1. the paper's way (`problems.minimum_norm`): the QR of Aᵀ and Q₂, at every pass of a step or once
-   per step, for as long as A stays the same;
-2. an old R and conjugate gradients (`harness.least_norm`), with R made anew every s QPs, or after a
-   QP of more than √(2 C_QR/C_IT) iterations, as the paper does with A_F.
+1. the paper's way (`problems.least_norm.minimum_norm`): the QR of Aᵀ and Q₂, at every pass of a
+   step or once per step, for as long as A stays the same;
+2. an old R and conjugate gradients (`harness.criterion.least_norm`), with R made anew every s QPs,
+   or after a QP of more than √(2 C_QR/C_IT) iterations, as the paper does with A_F.
 
 C_QR is the QR of Aᵀ without Q, C_IT an iteration of conjugate gradients, and iterations are fitted
-by c s^r, s the age of R (`harness.cost_model`).  Work is counted by `solvers.active_set.flops`, A
-dense.  The test for full column rank, and b, which A x + d leaves behind, are common to all ways
-and not counted.  Coulomb's rows, our addition to (4.8), are left out.
+by c s^r, s the age of R (`harness.criterion.cost_model`).  Work is counted by
+`solvers.active_set.flops`, A dense.  The test for full column rank, and b, which A x + d leaves
+behind, are common to all ways and not counted.  Coulomb's rows, our addition to (4.8), are left
+out.
 """
 
 from __future__ import annotations
@@ -25,11 +26,11 @@ import numpy as np
 import pandas as pd
 import scipy.linalg as sla
 
-from harness.cost_model import Growth, fit_growth, threshold
-from harness.factor_rules import sequence
-from harness.least_norm import ACCURACY, Decomposition, Members, decompose, least_norm
-from harness.recording import Recording
-from problems.minimum_norm import RANK_TOL, minimum_norm, surely_independent
+from harness.criterion.cost_model import Growth, fit_growth, threshold
+from harness.criterion.factor_rules import sequence
+from harness.criterion.least_norm import ACCURACY, Decomposition, Members, decompose, least_norm
+from harness.recordings.recording import Recording
+from problems.least_norm.minimum_norm import RANK_TOL, minimum_norm, surely_independent
 from problems.qp import ContactQP, Indices, Vector, positions_of
 from problems.sequence import QPSequence
 from solvers import make_solver
@@ -53,7 +54,7 @@ class Case(NamedTuple):
     """A QP with redundant columns.
 
     b : (m,) A λ*;  truth : (k,) the answer by the SVD;  z : whether a bound holds there
-    printed : (k,) the answer of `problems.minimum_norm`;  z_flops : of its QP for z
+    printed : (k,) the answer of `problems.least_norm.minimum_norm`;  z_flops : of its QP for z
     """
 
     place: int

@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from harness.whole_files import clear_leftovers
+from harness.files.whole_files import clear_leftovers
 
 try:
     import fcntl

@@ -1,6 +1,6 @@
 """Small JSON documents on disk, and how a stranger's are read: bounded, and checked for types.
 
-A document that is a result is sealed (`harness.seal`), under the name `SEALED`.
+A document that is a result is sealed (`harness.files.seal`), under the name `SEALED`.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from harness.plain_files import Unreadable, open_plain
-from harness.seal import SEAL, UNSEALED, intact, sealed
+from harness.files.plain_files import Unreadable, open_plain
+from harness.files.seal import SEAL, UNSEALED, intact, sealed
 
 LIMIT = 10_000_000
 """Largest document that is read [bytes]."""

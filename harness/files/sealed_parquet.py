@@ -18,9 +18,9 @@ from typing import Any, TypeVar
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from harness.json_file import parsed
-from harness.plain_files import Unreadable, open_plain
-from harness.seal import SEAL, UNSEALED, intact, sealed
+from harness.files.json_file import parsed
+from harness.files.plain_files import Unreadable, open_plain
+from harness.files.seal import SEAL, UNSEALED, intact, sealed
 
 METADATA = b"glambda"
 """Name under which a file says what it is."""

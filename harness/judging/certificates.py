@@ -1,9 +1,10 @@
 """Are the certificates true, and how sharp are they?  Asked of answers whose error is known.
 
-The error bound (`harness.error_bound`) says how far A x can be from A x*, without knowing x*.  Here
-it is asked about answers of every sort to recorded QPs whose A x* is proved in exact arithmetic
-(`harness.proof`): the stepper's own, the same off by a little and by much, and answers to something
-else.  A bound below the true error, by more than the radius of the proof, is a failure.
+The error bound (`harness.judging.error_bound`) says how far A x can be from A x*, without knowing
+x*.  Here it is asked about answers of every sort to recorded QPs whose A x* is proved in exact
+arithmetic (`harness.judging.proof`): the stepper's own, the same off by a little and by much, and
+answers to something else.  A bound below the true error, by more than the radius of the proof, is a
+failure.
 """
 
 from __future__ import annotations
@@ -13,10 +14,10 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pandas as pd
 
-from harness.error_bound import error_bound
-from harness.facts import Facts, facts_of
-from harness.record import Progress
-from harness.recording import Recording
+from harness.judging.error_bound import error_bound
+from harness.judging.facts import Facts, facts_of
+from harness.recordings.recording import Recording
+from harness.study.record import Progress
 from problems.qp import Vector, positions_of
 
 SIZES = (1e-12, 1e-9, 1e-6, 1e-3, 1.0)

@@ -2,7 +2,7 @@
 
 The QP says which corner and edge carry a row (`feature`) and keeps its column g = Dᵀa.  A contact
 is the rows of one pair of bodies whose normals are parallel: one normal, or the two ends of an edge
-that lies on an edge, and a tangent.  So are contacts made (`problems.constraint_graph`).
+that lies on an edge, and a tangent.  So are contacts made (`problems.contacts.constraint_graph`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from problems.contacts import PARALLEL_SINE
+from problems.contacts.geometry import PARALLEL_SINE
 from problems.qp import NORMAL, TANGENT, ContactQP, Indices, Vector
 
 

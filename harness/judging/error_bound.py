@@ -21,15 +21,15 @@ Every x̄ and every admissible v give a bound; the least one found is kept.
 r and Δ' are evaluated in `numpy.longdouble`, and what rounding can do to them is added to ‖v‖: for
 r as it is, for Δ' by the v that would undo it.  What is left of Δ' on S is not taken for 0 but
 undone alike: Δ'_S = A_Sᵀ(r + v) is made 0 by a vector no longer than ‖Δ'_B‖/σ_min(A_B), B being
-columns of S that are proved to be independent and to span the others (`harness.span.Basis`).  So
-the bound holds for the recorded data as they are, whatever their condition; where no such B is
-proved, S is given up.  `SLACK` covers the rest.
+columns of S that are proved to be independent and to span the others
+(`harness.judging.span.Basis`).  So the bound holds for the recorded data as they are, whatever
+their condition; where no such B is proved, S is given up.  `SLACK` covers the rest.
 
 Columns may be dependent but for rounding: independent as they are recorded, with singular values
 of 1e-16.  No v is then known to be short, in arithmetic of 64 bits.  Two things can be done:
 
-6. The answer in exact arithmetic is sought (`harness.proof`), where it is had for little work; the
-   distance from it is the bound.
+6. The answer in exact arithmetic is sought (`harness.judging.proof`), where it is had for little
+   work; the distance from it is the bound.
 7. With `nearby`, the bound is of another QP, in which singular values of A_S that are `NEARBY` at
    most are 0.  That proves nothing of the recorded one; the oracle says so.
 """
@@ -41,10 +41,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.facts import Facts, facts_of
-from harness.proof import Proof
-from harness.recording import Reference
-from harness.span import Basis, Span
+from harness.judging.facts import Facts, facts_of
+from harness.judging.proof import Proof
+from harness.judging.span import Basis, Span
+from harness.recordings.recording import Reference
 from problems.qp import ContactQP, Vector
 
 UNIT = float(np.finfo(np.longdouble).eps)

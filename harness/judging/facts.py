@@ -5,9 +5,9 @@ the whole momentum over h and is 10 to 40,000 times larger in moving scenes.  Wh
 can change nothing (A A⁺ d is rounding of d), the scale is ‖d‖, and 1 if that is 0 as well.
 
 Up to `DENSE_COLUMNS` columns all of it comes from singular value decompositions.  Beyond, A is kept
-sparse and the scale comes from sparse factors (`harness.span`).  The rank still takes singular
-values where sparse factors do not show it to be full; beyond `RANK_COLUMNS` columns, where they
-would take many seconds, it is not determined.
+sparse and the scale comes from sparse factors (`harness.judging.span`).  The rank still takes
+singular values where sparse factors do not show it to be full; beyond `RANK_COLUMNS` columns, where
+they would take many seconds, it is not determined.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.optimize import linprog
 
-from harness.contact_rows import ContactRows, contact_rows
-from harness.proof import Proof, prove
-from harness.span import Basis, Flags, Span, SparseSpan, span_of
-from problems.minimum_norm import surely_independent
+from harness.judging.contact_rows import ContactRows, contact_rows
+from harness.judging.proof import Proof, prove
+from harness.judging.span import Basis, Flags, Span, SparseSpan, span_of
+from problems.least_norm.minimum_norm import surely_independent
 from problems.qp import ContactQP, Matrix, Vector
 
 RANK_TOL = 1e-10
@@ -40,7 +40,7 @@ DENSE_COLUMNS = 60
 RANK_COLUMNS = 1000
 """The rank of QPs of more columns is not determined."""
 MODEST = 2_000_000
-"""Work (`harness.proof`) that is not asked whether it is worth it."""
+"""Work (`harness.judging.proof`) that is not asked whether it is worth it."""
 POINTED = 1e-6
 """Least t of `Facts.pointed`, far above rounding."""
 UNKNOWN = -1

@@ -6,11 +6,11 @@
    `primal_residual` = largest violation of a bound;
    `dual_residual`   = largest |Δᵢ| that no bound can carry (stationarity and sign);
    `duality_gap`     = |Σ Δ⁺(x − l) + Δ⁻(u − x) + what is not carried times x| (complementarity).
-2. `error_bound` (`harness.error_bound`) on ‖A(x − x*)‖, which needs no reference.
-3. With a reference (`harness.oracle`): the error ‖A(x − x*)‖, relative to the scale of the QP
-   (`glambda_error`) and to the accuracy that the stepper needs (`eps0_ratio`).
-   What it rests on is `Reference.proof`, which rows hold.
-4. The laws of contact in SI units (`harness.physics`).
+2. `error_bound` (`harness.judging.error_bound`) on ‖A(x − x*)‖, which needs no reference.
+3. With a reference (`harness.judging.oracle`): the error ‖A(x − x*)‖, relative to the scale of the
+   QP (`glambda_error`) and to the accuracy that the stepper needs (`eps0_ratio`). What it rests on
+   is `Reference.proof`, which rows hold.
+4. The laws of contact in SI units (`harness.judging.physics`).
 5. The verdict, from e and the accuracy asked.  e is the greatest of the error in A x (the bound
    where there is no reference, or one that is known not to be that of the recorded data), of
    ‖a_i‖ times the violation of a bound, so that no A x is bought with forces that contacts cannot
@@ -37,12 +37,12 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from harness.error_bound import ROUND_UP, error_bound, rounding_of
-from harness.facts import Facts, facts_of
-from harness.oracle import UNIT_ROUNDOFF
-from harness.oracle import reference as find_reference
-from harness.physics import NAN, physics
-from harness.recording import Reference
+from harness.judging.error_bound import ROUND_UP, error_bound, rounding_of
+from harness.judging.facts import Facts, facts_of
+from harness.judging.oracle import UNIT_ROUNDOFF
+from harness.judging.oracle import reference as find_reference
+from harness.judging.physics import NAN, physics
+from harness.recordings.recording import Reference
 from problems.qp import ContactQP, Vector
 
 VERIFIED_WITHIN = 10.0
@@ -74,7 +74,8 @@ class Judgement:
     lambda_distance : ‖λ − λ*‖, λ* being the reference's.  A diagnostic, since λ is not unique where
         A lacks rank; for the QPs of kind minimum_norm, z of (4.8), which is unique
     error_bound : bound on ‖A(x − x*)‖ that needs no reference
-    approach, pull, coulomb_excess, work_error, energy_error, physics_error : `harness.physics`
+    approach, pull, coulomb_excess, work_error, energy_error, physics_error :
+        `harness.judging.physics`
     primal_residual, dual_residual, duality_gap : item 1 of the module's list
     """
 

@@ -1,19 +1,19 @@
 """The reference answer: an active-set method that spares no effort, and is then proved or checked.
 
 The method shares no code with `solvers/`, so that it is a witness and not an accomplice.  Up to
-`harness.facts.DENSE_COLUMNS` columns it is a dense one that starts from nothing:
+`harness.judging.facts.DENSE_COLUMNS` columns it is a dense one that starts from nothing:
 
 1. x = 0 clipped to the bounds; no row is free.
 2. Free the row whose gradient Δ = Aᵀr gains most; stop if none gains more than rounding.
 3. Least-squares step on the free columns by a singular value decomposition; go as far as the
    bounds allow; rows that block stop being free.  Repeat until the whole step is taken.
 4. Refine x on the free columns in extended precision, with Δ evaluated from the data; go to 2.
-5. From there the answer in exact arithmetic is sought (`harness.proof`).  Its A x* is the
+5. From there the answer in exact arithmetic is sought (`harness.judging.proof`).  Its A x* is the
    reference, wrong by no more than its own rounding.  An answer that is at hand is tried first:
    exact arithmetic believes nobody, so it does not matter whose it is.
 6. Where that takes too much work, the answer of 4 is accepted if the bound that trusts nobody
-   (`harness.error_bound`) puts it within `ACCEPTED` of A x*, relative to the scale of the QP.
-   Whatever went wrong before shows here.
+   (`harness.judging.error_bound`) puts it within `ACCEPTED` of A x*, relative to the scale of the
+   QP. Whatever went wrong before shows here.
 
 The exact answer is no reference either where x* is so large that A x* would change by more than
 `ACCEPTED` with the last bit of A: where columns are opposite but for rounding, and could push
@@ -29,7 +29,7 @@ sparse factors, which starts from an answer that is to be proved or, without one
     a. Free are the rows that a gradient step leaves between their bounds; the others are set to
        the bound where it ends.
     b. Newton's corrections on the free rows, with Δ in extended precision.  Dependent columns are
-       no trouble: of all corrections about the least is taken (`harness.span`).
+       no trouble: of all corrections about the least is taken (`harness.judging.span`).
     c. Free rows beyond a bound go to it; rows at a bound with the wrong sign beyond rounding are
        freed.  Back to b until there are none.
 
@@ -47,11 +47,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from harness.error_bound import distance, error_bound, upward
-from harness.facts import Facts, facts_of
-from harness.proof import COLUMNS, MANY_COLUMNS, Proof, prove
-from harness.recording import Reference
-from harness.span import SparseSpan
+from harness.judging.error_bound import distance, error_bound, upward
+from harness.judging.facts import Facts, facts_of
+from harness.judging.proof import COLUMNS, MANY_COLUMNS, Proof, prove
+from harness.judging.span import SparseSpan
+from harness.recordings.recording import Reference
 from problems.qp import ContactQP, Vector
 
 ACCEPTED = 1e-10

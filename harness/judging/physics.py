@@ -32,7 +32,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from harness.facts import Facts
+from harness.judging.facts import Facts
 from problems.qp import Vector
 
 NAN = float("nan")
@@ -60,7 +60,7 @@ def physics(
     """Physics of the answer x (k,) to the QP of `facts`.
 
     mu : (k,) friction coefficients of tangent rows (`Recording.mu`); None: no coulomb_excess
-    objective_error : of x relative to the reference, in units of ½ scale² (`harness.judge`)
+    objective_error : of x relative to the reference, in units of ½ scale² (`harness.judging.judge`)
 
     Everything is NaN for a QP of kind minimum_norm, which holds no motion.
     """

@@ -33,7 +33,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import SuperLU, splu
 
-from harness.proof import exact_rank
+from harness.judging.proof import exact_rank
 from problems.qp import Matrix, Vector
 
 UNIT = float(np.finfo(np.float64).eps)

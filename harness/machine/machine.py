@@ -15,7 +15,8 @@ from functools import cache
 from importlib import metadata
 from pathlib import Path
 
-from harness.threads import threads_asked_for
+from harness.machine.threads import threads_asked_for
+from problems.kernels.sources import sources
 from solvers.registry import solver_class
 
 LIBRARIES = ("glambda", "numpy", "scipy", "h5py", "pandas", "pyarrow")
@@ -29,10 +30,6 @@ def machine_label() -> str:
         f"{about['cpu']}, {about['cores']} cores, {about['system']}, "
         f"Python {about['python']}, threads {about['threads']}"
     )
-
-
-SHARED = ("forms.py", "programs.py", "inner_options.py")
-"""Modules beside an adapter that it may rest on."""
 
 
 def machine() -> dict[str, str]:
@@ -58,14 +55,10 @@ def solver_version(name: str) -> str:
     Raises ImportError where the package is absent.
     """
     cls = solver_class(name)
-    module = sys.modules[cls.__module__]
-    file = Path(str(module.__file__))
     package = cls.package or "glambda"
-    # A method of our own is its whole folder; an adapter is its file and what adapters share.
-    shared = [file.with_name(name) for name in SHARED]
-    sources = [file, *shared] if cls.package else list(file.parent.glob("*.py"))
-    sources = [source for source in sources if source.exists()]
-    return f"{package} {metadata.version(package)} (source {source_hash(sources)})"
+    own = [Path(str(sys.modules[cls.__module__].__file__))]
+    hashed = source_hash(sources(own, ["solvers"]))
+    return f"{package} {metadata.version(package)} (source {hashed})"
 
 
 @cache

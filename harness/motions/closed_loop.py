@@ -3,13 +3,13 @@
 An open loop hands all solvers the same QPs.  Here each solver's answers make its own next QPs, so
 that what matters is the motion.  For each scene there are
 
-    the reference   exact QPs (`harness.in_loop.EXACT`) at ε/`FINER`;  its own error is known from
-                    the check, the same at a ten times larger ε: to the second order of the methods
-                    the global error is proportional to ε, so that the reference's is a ninth of
-                    the difference between the two
+    the reference   exact QPs (`harness.motions.in_loop.EXACT`) at ε/`FINER`;  its own error is
+                    known from the check, the same at a ten times larger ε: to the second order of
+                    the methods the global error is proportional to ε, so that the reference's is a
+                    ninth of the difference between the two
     the twin        exact QPs at the scene's ε: what is left is the error of ε
-    the loops       each solver at each setting, and sloppy solvers (`harness.in_loop`) over a sweep
-                    of accuracies
+    the loops       each solver at each setting, and sloppy solvers (`harness.motions.in_loop`) over
+                    a sweep of accuracies
 
 `drop_tol` and the speed of rest are the same in all of them, so that the reference is the limit of
 the very motion that is simulated.  A loop's error is judged up to `common`: the last impact before
@@ -29,15 +29,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from harness.facts import SETTINGS
-from harness.folder_lock import sole_writer
-from harness.in_loop import EXACT, METHOD, SLOPPY, check_backend
-from harness.isolated_loops import run_isolated
-from harness.loop import Loop, LoopResult
-from harness.loop_store import load_loop
-from harness.motion_error import Motion, PoseError, match_events, pose_error
-from harness.record import Progress
-from harness.study import PAPER_SCENES, parse_label
+from harness.files.folder_lock import sole_writer
+from harness.judging.facts import SETTINGS
+from harness.motions.in_loop import EXACT, METHOD, SLOPPY, check_backend
+from harness.motions.isolated_loops import run_isolated
+from harness.motions.loop import Loop, LoopResult
+from harness.motions.loop_store import load_loop
+from harness.motions.motion_error import Motion, PoseError, match_events, pose_error
+from harness.study.record import Progress
+from harness.study.study import PAPER_SCENES, parse_label
 from problems import scene as make_scene
 from solvers import available_solvers
 
@@ -249,7 +249,7 @@ def _row(
         `common`, to the end;  apart : when it separates from the reference [s]
     from_twin : largest distance to the motion of exact QPs at the same ε, up to `common` [m]
     matched, missing, extra, event_error, mismatch : restarting events up to `common`
-        (`harness.motion_error.EventMatch`)
+        (`harness.motions.motion_error.EventMatch`)
     and the measures of `run_loop`; with `energy_end`, final T + V less the reference's [J]
     """
     row: dict[str, Any] = {

@@ -6,8 +6,8 @@ How accurate an answer a setting asks for, in ‖A δx‖:
     high       1e-9 of the scale of the QP;  1e-3: that fraction of it
     default    the package's own tolerances
 
-The scale of a QP is known when the QP is: a closed loop computes it (`harness.facts`) before every
-solve, outside the time that counts as the solver's.
+The scale of a QP is known when the QP is: a closed loop computes it (`harness.judging.facts`)
+before every solve, outside the time that counts as the solver's.
 
 A sloppy solver answers with x* + δx, ‖A δx‖ being exactly what was asked, so that the effect of
 accuracy is seen apart from the habits of any package.  x* is the paper's method's at `EXACT` of
@@ -31,7 +31,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from harness.facts import facts_of, setting_name
+from harness.judging.facts import facts_of, setting_name
 from problems.qp import ContactQP, Solution, Vector
 from problems.sequence import SolvesQPs
 from solvers import make_solver

@@ -1,8 +1,9 @@
 """Closed loops in processes of their own: a crash or a hang costs one loop.
 
 A process is forked from a server that has imported everything once, where the system can fork.  It
-tells how far it has come through shared memory, keeps its result itself (`harness.loop_store`) and
-says nothing else; stderr goes to a file, whose last line explains a death.
+tells how far it has come through shared memory, keeps its result itself
+(`harness.motions.loop_store`) and says nothing else; stderr goes to a file, whose last line
+explains a death.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any
 
-from harness.live_process import cause_of_death
-from harness.loop import Loop, LoopResult, run_loop
-from harness.loop_store import load_loop, loop_path, write_loop
-from harness.record import Progress
+from harness.motions.loop import Loop, LoopResult, run_loop
+from harness.motions.loop_store import load_loop, loop_path, write_loop
+from harness.processes.live_process import cause_of_death
+from harness.study.record import Progress
 
 POLL = 0.2
 """Seconds between two looks at what is running."""
@@ -103,7 +104,7 @@ def _context() -> Any:
     if "forkserver" not in mp.get_all_start_methods():
         return mp.get_context("spawn")
     context = mp.get_context("forkserver")
-    context.set_forkserver_preload(["harness.isolated_loops"])
+    context.set_forkserver_preload(["harness.motions.isolated_loops"])
     return context
 
 

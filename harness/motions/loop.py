@@ -11,10 +11,10 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from harness.in_loop import InLoop
-from harness.motion_error import Motion, motion_of
-from harness.run_physics import accuracy_of_answers, physics_of
-from harness.study import parse_label
+from harness.motions.in_loop import InLoop
+from harness.motions.motion_error import Motion, motion_of
+from harness.motions.run_physics import accuracy_of_answers, physics_of
+from harness.study.study import parse_label
 from problems import Run, simulate
 from problems import scene as make_scene
 from problems.sequence import SimulationError
@@ -28,7 +28,7 @@ QPs; the time limit; the process died."""
 class Loop:
     """One solver driving one scene.
 
-    scene : label, such as "fig4,mu_I=0.8";  solver, setting : see `harness.in_loop`
+    scene : label, such as "fig4,mu_I=0.8";  solver, setting : see `harness.motions.in_loop`
     eps : ε of the stepper;  drop_tol, rest_speed : its thresholds [m/s], [‖q̇‖_M]
     until : [s];  time_limit : [s] of wall time
     """

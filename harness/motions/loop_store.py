@@ -4,7 +4,8 @@
 
 holds the motion, one row per accepted time and body (t, body, x, y, phi, vx, vy, omega), and in its
 metadata what was run (`Loop`), by what (versions, machine), what came of it and all events.  It is
-written and read as `harness.sealed_parquet` says; what it says of itself has the fields of `ABOUT`.
+written and read as `harness.files.sealed_parquet` says; what it says of itself has the fields of
+`ABOUT`.
 """
 
 from __future__ import annotations
@@ -19,22 +20,22 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from harness import in_loop, run_physics
-from harness.in_loop import METHOD
-from harness.loop import VERDICTS, Loop, LoopResult
-from harness.machine import machine_label, problems_version, solver_version, source_hash
-from harness.motion_error import Motion
-from harness.sealed_parquet import (
+from harness.files.sealed_parquet import (
     Wrong,
     check_layout,
     parquet_bytes,
     read_parquet,
     said_of_itself,
 )
-from harness.store import StoreError
-from harness.whole_files import write_whole
+from harness.files.whole_files import write_whole
+from harness.machine.machine import machine_label, problems_version, solver_version, source_hash
+from harness.motions import in_loop, run_physics
+from harness.motions.in_loop import METHOD
+from harness.motions.loop import VERDICTS, Loop, LoopResult
+from harness.motions.motion_error import Motion
+from harness.results.store import StoreError
 from problems.qp import Vector
-from problems.run import Event
+from problems.stepping.run import Event
 
 FORMAT_VERSION = 2
 STATE = ("x", "y", "phi", "vx", "vy", "omega")

@@ -1,7 +1,7 @@
 """How far one motion is from another: poses in time, and the events that both went through.
 
-Poses.  The reference is read at the times of the run by cubic interpolation (`harness.hermite`).
-A motion that has come to rest goes on standing there.
+Poses.  The reference is read at the times of the run by cubic interpolation
+(`harness.motions.hermite`). A motion that has come to rest goes on standing there.
 
 The error of a body is ‖δ(x, y)‖ + R |δφ| [m], R being the distance of its farthest corner: no point
 of the body is farther off.  `largest` is over bodies and times, `rms` over both, weighted by time.
@@ -20,10 +20,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harness.hermite import hermite
+from harness.motions.hermite import hermite
 from problems import Run
 from problems.qp import Vector
-from problems.run import Event
+from problems.stepping.run import Event
 
 APART = 0.01
 """Pose error [m] beyond which two motions have separated."""

@@ -9,7 +9,8 @@ Signorini     0 ≤ λ_N ⊥ g_Nᵀq̇ ≥ 0 at the end of each step and impulse
 energy        what T + V gains at steps and at impulses, and loses at impulses.  No contact
               may give energy; work of `Load`s and external impulses are not counted.  The
               multistep methods gain a little on their own, so compare with exact QPs
-accuracy      ‖A(x − x*)‖ of every answer, against the paper's method at `harness.in_loop.EXACT`
+accuracy      ‖A(x − x*)‖ of every answer, against the paper's method at
+              `harness.motions.in_loop.EXACT`
 """
 
 from __future__ import annotations
@@ -19,16 +20,16 @@ from itertools import combinations
 
 import numpy as np
 
-from harness.facts import facts_of
-from harness.in_loop import exact
-from harness.judge import VERIFIED_WITHIN
+from harness.judging.facts import facts_of
+from harness.judging.judge import VERIFIED_WITHIN
+from harness.motions.in_loop import exact
 from problems import Run
-from problems.bodies import GROUND
-from problems.forces import Load
+from problems.bodies.bodies import GROUND
+from problems.bodies.forces import Load
+from problems.bodies.shapes import cross
 from problems.qp import NORMAL, ContactQP, Solution, Vector
 from problems.scenes import Scene
 from problems.sequence import WARM_KINDS
-from problems.shapes import cross
 
 PUSHES = 1e-3
 """Part of the largest normal force of a QP below which a contact does not count as pushing."""

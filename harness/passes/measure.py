@@ -1,7 +1,7 @@
 """One pass of one solver over a recorded sequence, with the clock around every call.
 
-1. What a solve is started from is the business of `harness.starts`; it is made ready before the
-   clock is read.
+1. What a solve is started from is the business of `harness.passes.starts`; it is made ready before
+   the clock is read.
 2. The garbage collector runs before a pass and sleeps during it, so that no solver pays for
    another's litter.
 3. The solver's own clocks tell build, setup and solve; ours, around the whole call, `call_time`.
@@ -25,8 +25,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from harness.recording import Reference
-from harness.starts import Starts
+from harness.passes.starts import Starts
+from harness.recordings.recording import Reference
 from problems.qp import ContactQP, Solution, Status, Vector, WorkCounts
 from solvers.base import Solver, Unsupported
 
@@ -158,7 +158,7 @@ def run_pass(
 ) -> tuple[list[Outcome], NDArray[np.float64]]:
     """Solve the sequence, in the order of the arm.
 
-    arm : what each solve is started from, one of `harness.starts.EVERY_ARM`
+    arm : what each solve is started from, one of `harness.passes.starts.EVERY_ARM`
     references : the oracle's answers, one per QP; the arm "exact" starts from them
     time_limit : [s] beyond which a solve is a timeout, looked at after the call
     budget : [s] after which the pass ends early; the warm-up uses it

@@ -43,7 +43,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.recording import Reference
+from harness.recordings.recording import Reference
 from problems.qp import (
     AT_LOWER,
     AT_UPPER,

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
-from harness.machine import problems_version, solver_version, source_hash
+from harness.machine.machine import problems_version, solver_version, source_hash
 from harness.peers.base import Peer
+from problems.kernels.sources import sources
 
 OURS = "glambda"
 ENGINES = {
@@ -79,12 +80,9 @@ def engine_version(name: str) -> str:
 
 
 def _source(name: str) -> str:
-    folder = Path(__file__).parent
-    classes = engine_class(name).__mro__[:-1]
     files = {
-        str(sys.modules[cls.__module__].__file__) for cls in classes if cls.__module__ != "abc"
-    }
-    shared = [folder / "observe.py"]
-    if name == OURS:
-        shared.append(folder.with_name("hermite.py"))
-    return f"source {source_hash([*map(Path, files), *shared])}"
+        Path(str(sys.modules[cls.__module__].__file__))
+        for cls in engine_class(name).__mro__[:-1]
+        if cls.__module__ != "abc"
+    } | {Path(__file__).with_name("observe.py")}
+    return f"source {source_hash(sources(files, ['harness']))}"

@@ -18,8 +18,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from problems import Scene
+from problems.bodies.shapes import box_corners
 from problems.qp import Vector
-from problems.shapes import box_corners
 
 Settings = Mapping[str, Mapping[str, Any]]
 """Name → options of an engine's constructor."""

@@ -19,15 +19,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from harness.folder_lock import sole_writer
-from harness.json_file import read_json, sealed_json
-from harness.machine import machine_label
+from harness.files.folder_lock import sole_writer
+from harness.files.json_file import read_json, sealed_json
+from harness.files.plain_files import Unreadable
+from harness.files.whole_files import write_whole
+from harness.machine.machine import machine_label
 from harness.peers import ENGINES, OURS, EngineInfo, describe_engine, engine_class, engine_version
 from harness.peers.tasks import DEFAULT, Task, digest_of, tasks_of
 from harness.peers.worker import Worker
-from harness.plain_files import Unreadable
-from harness.record import Progress
-from harness.whole_files import write_whole
+from harness.study.record import Progress
 
 LIMIT = 60.0
 """Time that one pass may take [s]."""

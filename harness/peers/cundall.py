@@ -1,4 +1,4 @@
-"""Cundall's springs and dampers (`problems.cundall`), the paper's own foil.
+"""Cundall's springs and dampers (`harness.peers.springs`), the paper's own foil.
 
 Contacts are as stiff as the step allows, so that they harden with h.  It is this project's code in
 NumPy: compare its errors, not its times.
@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import ClassVar
 
 from harness.peers.base import Settings, Stepped, one_friction
+from harness.peers.springs import SAFETY, SpringsAndDampers
 from problems import Scene
-from problems.cundall import SAFETY, SpringsAndDampers
 from problems.qp import Vector
 
 

@@ -10,8 +10,8 @@ import numpy as np
 from harness.peers.base import Motion, Peer
 from harness.peers.tasks import Task
 from problems import Scene
-from problems.bodies import mass_diagonal
-from problems.contacts import Geometry
+from problems.bodies.bodies import mass_diagonal
+from problems.contacts.geometry import Geometry
 from problems.qp import Vector
 
 REPEATS = 3

@@ -14,7 +14,7 @@ from dataclasses import replace
 from math import sqrt
 from typing import Any, ClassVar
 
-from harness.hermite import hermite
+from harness.motions.hermite import hermite
 from harness.peers.base import Motion, Peer, Settings
 from problems import Run, Scene, scene, simulate
 from solvers import make_solver

@@ -20,8 +20,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from problems.bodies import GROUND, mass_diagonal
-from problems.contacts import Columns, Geometry, Pose
+from problems.bodies.bodies import GROUND, mass_diagonal
+from problems.contacts.geometry import Columns, Geometry, Pose
 from problems.qp import Indices, Vector
 from problems.scenes import Scene
 

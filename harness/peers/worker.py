@@ -15,10 +15,10 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from harness.live_process import cause_of_death
 from harness.peers import engine_class
 from harness.peers.observe import observe
 from harness.peers.tasks import Task
+from harness.processes.live_process import cause_of_death
 
 STARTING = 120.0
 """Longest that importing an engine and building a scene may take [s]."""

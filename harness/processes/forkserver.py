@@ -2,8 +2,8 @@
 
 `serve` runs in a process of its own, which has imported everything and read the recording, so that
 a fork is ready to solve within some 10 ms and shares all of that with the others.  It computes
-nothing.  By order of the parent (`harness.isolate`) it starts processes, passes on what they are to
-do, tells what they say and what they die of, and kills.
+nothing.  By order of the parent (`harness.processes.isolate`) it starts processes, passes on what
+they are to do, tells what they say and what they die of, and kills.
 
 1. A process leads a session of its own, so that it is killed with all that it has forked.  What
    leaves the session is found as well, on Linux: the server adopts the orphans of its processes.
@@ -13,7 +13,7 @@ do, tells what they say and what they die of, and kills.
    threads (`RLIMIT_NPROC`, which root is not held to), no core dumps; and it is the first that a
    Linux without memory kills.
 4. After a pass a process says `DONE` or `LOST` behind the token that came with the order, and at
-   no other time anything.  Its answers stand in the sheet (`harness.sheet`).
+   no other time anything.  Its answers stand in the sheet (`harness.processes.sheet`).
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any, NoReturn
 
-from harness.measure import pose, run_pass
-from harness.recording import Recording, read_recording
-from harness.sheet import Layout, Lost, Pen
-from harness.threads import one_thread
+from harness.machine.threads import one_thread
+from harness.passes.measure import pose, run_pass
+from harness.processes.sheet import Layout, Lost, Pen
+from harness.recordings.recording import Recording, read_recording
 from problems.qp import ContactQP
 from solvers import make_solver
 from solvers.active_set import method  # noqa: F401  its kernels are loaded once for all processes

@@ -1,6 +1,6 @@
 """Runs of a replay in our own process, where no other can be forked: a crash ends the study.
 
-It does what `harness.isolate` does, without limits of time and memory.
+It does what `harness.processes.isolate` does, without limits of time and memory.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.isolate import WARM_UP, Pass, Task
-from harness.measure import Outcome, Watch, pose, run_pass
-from harness.recording import Recording
-from harness.threads import one_thread
+from harness.machine.threads import one_thread
+from harness.passes.measure import Outcome, Watch, pose, run_pass
+from harness.processes.isolate import WARM_UP, Pass, Task
+from harness.recordings.recording import Recording
 from solvers import make_solver
 
 TELL_EVERY = 32

@@ -1,8 +1,8 @@
 """Every run of a replay in a live process of its own, so that a crash or a hang is a row.
 
 A *task* is a solver in an arm; a *block* is a recording at an accuracy.  One process per task is
-forked from a server (`harness.forkserver`) when its first pass is due.  It waits, blocked, until it
-is told to do a pass; the parent tells one at a time and watches it.
+forked from a server (`harness.processes.forkserver`) when its first pass is due.  It waits,
+blocked, until it is told to do a pass; the parent tells one at a time and watches it.
 
 1. **Time.** A solve beyond `hard_limit(time_limit)` is killed: verdict `timeout`.  The first solve
    of a process may take `FIRST_CALL` more, since packages import and compile on their first call.
@@ -10,7 +10,7 @@ is told to do a pass; the parent tells one at a time and watches it.
    shows as MemoryError or in what the package makes of it; beyond it, it is killed.  Either way
    the verdict is `crashed`.
 3. **Death.** Signals, exits and babble are `crashed`, with the signal's name and the last words on
-   stderr.  What was answered before is kept (`harness.sheet`).
+   stderr.  What was answered before is kept (`harness.processes.sheet`).
 4. **Disturbances.** A process that dies before its first QP, and a time-out while this process
    stood still as well (a suspended machine), are not the solver's doing; a SIGKILL of it or of the
    server need not be.  The pass is done once more.  What is disturbed again is told as such
@@ -37,11 +37,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.live_process import Loss, Process, Server, ServerLost, Task, server
-from harness.measure import DISTURBED, Outcome
-from harness.recording import Recording
-from harness.sheet import Layout, Sheet
-from harness.starts import after_restart, order_of
+from harness.passes.measure import DISTURBED, Outcome
+from harness.passes.starts import after_restart, order_of
+from harness.processes.live_process import Loss, Process, Server, ServerLost, Task, server
+from harness.processes.sheet import Layout, Sheet
+from harness.recordings.recording import Recording
 
 TIME_LIMIT, MEMORY_LIMIT = 1.0, 4.0
 """`Limits` if nothing else is said [s, GiB]."""

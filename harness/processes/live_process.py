@@ -1,4 +1,4 @@
-"""The parent's end of the server of processes (`harness.forkserver`), and of a live process."""
+"""The parent's end of the server of processes (`forkserver`), and of a live process."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from harness.threads import VARIABLES
+from harness.machine.threads import VARIABLES
 from solvers.registry import target_of
 
 PATIENCE = 60.0
@@ -75,7 +75,7 @@ class Server:
         self._link, theirs = Pipe()
         code = (
             "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
-            "from harness.forkserver import serve; serve(int(sys.argv[2]), sys.argv[3])"
+            "from harness.processes.forkserver import serve; serve(int(sys.argv[2]), sys.argv[3])"
         )
         arguments = [json.dumps(self.imports_from), str(theirs.fileno()), str(self.folder)]
         self._process = subprocess.Popen(

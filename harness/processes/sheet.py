@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.measure import Outcome, Watch
+from harness.passes.measure import Outcome, Watch
 from problems.qp import Status, WorkCounts
 
 COUNTS = tuple(WorkCounts.__dataclass_fields__)

@@ -1,7 +1,7 @@
 """The bytes of a recording file: a seal, and behind it plain HDF5.
 
 The first 512 bytes are a *user block*, which every HDF5 library skips; it holds the seal
-(`harness.seal`).
+(`harness.files.seal`).
 
 1. The seal is checked before the HDF5 library sees a byte.  That library is made for sound files: a
    flipped bit can keep it busy for ever.
@@ -24,10 +24,10 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.memory import available_memory
-from harness.plain_files import Unreadable, open_plain
-from harness.recording_layout import FIELDS, check_lengths
-from harness.seal import BLOCK, block, intact, put_seal
+from harness.files.plain_files import Unreadable, open_plain
+from harness.files.seal import BLOCK, block, intact, put_seal
+from harness.machine.memory import available_memory
+from harness.recordings.layout import FIELDS, check_lengths
 
 FORMAT = "glambda recording"
 VERSION = 3

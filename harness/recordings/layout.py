@@ -5,7 +5,7 @@
 3. `check_lengths` tells from the few small arrays of sizes how long every other must be.
 4. `unpack` cuts the flat arrays up again; the types `ContactQP` and `Solution` check the values.
 
-`harness.recording` says how the file is to be read and holds the digest.
+`harness.recordings.recording` says how the file is to be read and holds the digest.
 """
 
 from __future__ import annotations

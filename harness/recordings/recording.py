@@ -2,7 +2,7 @@
 
 The file is HDF5 and holds flat arrays only, so that it can be read with h5py, MATLAB or Julia
 alone.  Every dataset carries the attributes `meaning` and `unit`; the same table is `FIELDS` in
-`harness.recording_layout`.  A quantity that has a different size in each QP is one long array:
+`harness.recordings.layout`.  A quantity that has a different size in each QP is one long array:
 QP i owns the entries
 
     offset[i] … offset[i+1],   offset = cumulative sum of its size over the QPs
@@ -26,7 +26,7 @@ are the same to every study.  Two runs of one version make bit-identical files o
 processor; on another, BLAS and compiled kernels may round otherwise.
 
 A reader trusts nothing: first the seal over all bytes, then names, types and sizes of everything,
-before anything is allocated (`harness.recording_file`), then the digest, then the values.  Timings
+before anything is allocated (`harness.recordings.file`), then the digest, then the values.  Timings
 and solver memory are not stored.
 """
 
@@ -44,19 +44,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.recording_file import HEADER, RecordingError, Stored, file_bytes, read_file
-from harness.recording_layout import MAY_BE_INFINITE, check_lengths, pack, unpack
-from harness.whole_files import write_whole
+from harness.files.whole_files import write_whole
+from harness.recordings.file import HEADER, RecordingError, Stored, file_bytes, read_file
+from harness.recordings.layout import MAY_BE_INFINITE, check_lengths, pack, unpack
 from problems.qp import AT_LOWER, AT_UPPER, FREE, PASSIVE, ContactQP, Solution, Vector
-from problems.run import Event
+from problems.stepping.run import Event
 
 REMEDY = "record the scene again with 'glambda record'"
 MEMBERS = (AT_LOWER, FREE, AT_UPPER, PASSIVE)
 LABEL_LIMIT = 150
 """Longest label [bytes]: with a solver's name it still makes a file name."""
 PROVED = ("exact", "bound")
-"""What a reference rests on that is proved: the answer in exact arithmetic (`harness.proof`); the
-bound that trusts nobody (`harness.error_bound`)."""
+"""What a reference rests on that is proved: the answer in exact arithmetic
+(`harness.judging.proof`); the bound that trusts nobody (`harness.judging.error_bound`)."""
 PROOFS = (*PROVED, "nearby", "ill-posed")
 """What a reference rests on.  nearby: the bound of a QP that differs by rounding, for columns that
 are dependent but for it; ill-posed: the same, where the recorded data taken exactly are known to

@@ -5,10 +5,10 @@
 2. **Verdicts.** A QP that was verified and is no longer is a regression.
 3. **Work counts** are exact.  Their sum over the QPs that both have solved may rise by `MAY_RISE`,
    which leaves room for what another rounding does.
-4. **Times**, of the QPs that are verified in both and on the same machine (`harness.time_ratios`):
-   a regression is a ratio whose whole interval lies above 1.  Passes before which a fixed piece of
-   work took more than `DISTURBED` times its median are left out: somebody else was at work.  A run
-   of which not most passes are left is not compared.
+4. **Times**, of the QPs that are verified in both and on the same machine
+   (`harness.results.time_ratios`): a regression is a ratio whose whole interval lies above 1.
+   Passes before which a fixed piece of work took more than `DISTURBED` times its median are left
+   out: somebody else was at work.  A run of which not most passes are left is not compared.
 5. Runs that only one of them has are listed.
 """
 
@@ -23,9 +23,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from harness.shard_file import TIMES, StoredShard, StoreError, runtimes
-from harness.store import read_shards
-from harness.time_ratios import Run, TimeRatios, time_ratios
+from harness.results.shard_file import TIMES, StoredShard, StoreError, runtimes
+from harness.results.store import read_shards
+from harness.results.time_ratios import Run, TimeRatios, time_ratios
 from problems.qp import WorkCounts
 
 PACE = TIMES.index("pace")

@@ -4,10 +4,10 @@ A shard is one (recording, solver, setting, arm): a row per QP with `COLUMNS`, a
 times of every pass, `build_time_0`, …, `pace_0`, `build_time_1`, … [s] (`TIMES`).  The file's
 metadata holds its `ShardKey` as JSON.
 
-The file is written and read as `harness.sealed_parquet` says, with times in plain, so that each row
-takes `ROW_BYTES` bytes or more.  Of the key are looked at the fields and their types, and whether
-the file has its name; of the table, once it is read, the length of texts, the columns that repeat
-the key, those that sum up the passes, and the values (`harness.shard_values`).
+The file is written and read as `harness.files.sealed_parquet` says, with times in plain, so that
+each row takes `ROW_BYTES` bytes or more.  Of the key are looked at the fields and their types, and
+whether the file has its name; of the table, once it is read, the length of texts, the columns that
+repeat the key, those that sum up the passes, and the values (`harness.results.shard_values`).
 """
 
 from __future__ import annotations
@@ -24,18 +24,19 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from harness.sealed_parquet import (
+from harness.files.sealed_parquet import (
     Wrong,
     check_layout,
     parquet_bytes,
     read_parquet,
     said_of_itself,
 )
-from harness.shard_values import check_key, check_rows, check_times
+from harness.results.shard_values import check_key, check_rows, check_times
 
 FORMAT_VERSION = 3
 TIMES = ("build_time", "setup_time", "solve_time", "call_time", "pace")
-"""Columns of `Shard.passes` [s]; pace is what `harness.calibration` took before the pass."""
+"""Columns of `Shard.passes` [s]; pace is what `harness.machine.calibration` took before the
+pass."""
 
 COLUMNS: dict[str, pa.DataType] = {
     # the first eight are qpbenchmark's
@@ -81,7 +82,7 @@ COLUMNS: dict[str, pa.DataType] = {
     "objective_error": pa.float64(),
     "lambda_distance": pa.float64(),
     "proof": pa.string(),  # what the reference rests on: exact, bound, ill-posed; empty: none
-    "approach": pa.float64(),  # [m/s]; these six: `harness.physics`
+    "approach": pa.float64(),  # [m/s]; these six: `harness.judging.physics`
     "pull": pa.float64(),  # [N, N s]
     "coulomb_excess": pa.float64(),  # [N]
     "work_error": pa.float64(),  # [J]

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from harness.facts import setting_name
-from harness.judge import VERDICTS
-from harness.recording import PROOFS
-from harness.sealed_parquet import Wrong
-from harness.starts import EVERY_ARM
+from harness.files.sealed_parquet import Wrong
+from harness.judging.facts import setting_name
+from harness.judging.judge import VERDICTS
+from harness.passes.starts import EVERY_ARM
+from harness.recordings.recording import PROOFS
 from problems.qp import KINDS, Status, Vector
 
 KNOWN = ("problem", "found", "step", "verdict")

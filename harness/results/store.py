@@ -6,16 +6,16 @@
     RESULTS/spent.json                     seconds spent replaying, and in the calls of solvers
     RESULTS/.lock                          held by the process that writes
 
-A shard is (recording, solver, setting, arm); its file is described in `harness.shard_file`.
+A shard is (recording, solver, setting, arm); its file is described in `harness.results.shard_file`.
 
 1. A finished pass is saved at once, rows and times in one file that is replaced in one step
-   (`harness.whole_files`): at no moment is a killed study half of anything.
+   (`harness.files.whole_files`): at no moment is a killed study half of anything.
 2. A study that resumes finds its shards by name.  One whose key differs was made from other
    QPs, by other code or on another machine: it refuses to mix, and says which field differs.
 3. `read_results` checks the same across shards (`AGREE`).  Machines may mix in rows of accuracy;
    whoever forms a ratio of times keeps to one of them.
-4. One process writes at a time (`harness.folder_lock`): two studies on one machine would time each
-   other.  Nothing depends on clocks or on the age of files.
+4. One process writes at a time (`harness.files.folder_lock`): two studies on one machine would time
+   each other.  Nothing depends on clocks or on the age of files.
 """
 
 from __future__ import annotations
@@ -34,13 +34,14 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from harness.folder_lock import lock_folder
-from harness.isolate import TIME_LIMIT
-from harness.json_file import read_json, sealed_json
-from harness.measure import DISTURBED
-from harness.plain_files import Unreadable
-from harness.recording import Recording, RecordingError, read_recording, write_recording
-from harness.shard_file import (
+from harness.files.folder_lock import lock_folder
+from harness.files.json_file import read_json, sealed_json
+from harness.files.plain_files import Unreadable
+from harness.files.whole_files import clear_leftovers, write_whole
+from harness.passes.measure import DISTURBED
+from harness.processes.isolate import TIME_LIMIT
+from harness.recordings.recording import Recording, RecordingError, read_recording, write_recording
+from harness.results.shard_file import (
     COLUMNS,
     FROM_KEY,
     FROM_PASSES,
@@ -52,7 +53,6 @@ from harness.shard_file import (
     read_shard,
     shard_bytes,
 )
-from harness.whole_files import clear_leftovers, write_whole
 
 __all__ = [
     "COLUMNS",

@@ -7,7 +7,7 @@ cold and warm, at the accuracy `high`.  Wrong is an answer that claims to be rig
 at all, a crash, a QP written into, and a warm start that makes the answer worse.
 
 **A scene** must be made alike twice, move, and make a recording that is read as it was written;
-what its motion says of the physics is told (`harness.run_physics`).
+what its motion says of the physics is told (`harness.motions.run_physics`).
 
 **A recording** must be readable, and its references must be those that the oracle finds today.
 """
@@ -24,15 +24,15 @@ import numpy as np
 import pandas as pd
 import scipy.sparse as sp
 
-from harness.judge import judge
-from harness.machine import solver_version
-from harness.oracle import reference
-from harness.record import record, recording_of
-from harness.recording import Recording, RecordingError, read_recording, write_recording
-from harness.replay import replay
-from harness.run_physics import physics_of
-from harness.starts import ARMS
-from harness.study import parse_label
+from harness.judging.judge import judge
+from harness.judging.oracle import reference
+from harness.machine.machine import solver_version
+from harness.motions.run_physics import physics_of
+from harness.passes.starts import ARMS
+from harness.recordings.recording import Recording, RecordingError, read_recording, write_recording
+from harness.study.record import record, recording_of
+from harness.study.replay import replay
+from harness.study.study import parse_label
 from problems import ContactQP, simulate
 from problems import scene as make_scene
 from problems.qp import Solution, Status

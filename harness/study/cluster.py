@@ -7,8 +7,8 @@ A *job* is what must stay on one machine:
 - for accuracy alone: a recording at an accuracy with one solver.  One pass; its times compare with
   nobody's.
 
-1. A worker has one thread and does one job at a time, by `harness.replay`, in a temporary folder.
-   It hands back the shards; the parent alone writes into the results folder.
+1. A worker has one thread and does one job at a time, by `harness.study.replay`, in a temporary
+   folder. It hands back the shards; the parent alone writes into the results folder.
 2. A worker that is lost, or retired, loses its job, which goes to another one.  A job that has cost
    `MOST_LOST` workers is given up, by name.
 3. Every worker must run the code of the parent: versions are compared before a job begins.
@@ -31,15 +31,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pandas as pd
 
-from harness.facts import setting_names
-from harness.isolate import MEMORY_LIMIT, TIME_LIMIT
-from harness.live_process import server
-from harness.machine import problems_version, solver_version
-from harness.record import Progress
-from harness.recording import Recording, read_recording
-from harness.replay import is_done, replay
-from harness.starts import has_arm
-from harness.store import ShardKey, Store, read_results
+from harness.judging.facts import setting_names
+from harness.machine.machine import problems_version, solver_version
+from harness.passes.starts import has_arm
+from harness.processes.isolate import MEMORY_LIMIT, TIME_LIMIT
+from harness.processes.live_process import server
+from harness.recordings.recording import Recording, read_recording
+from harness.results.store import ShardKey, Store, read_results
+from harness.study.record import Progress
+from harness.study.replay import is_done, replay
 from solvers.registry import solver_class
 
 if TYPE_CHECKING:
@@ -140,7 +140,8 @@ def replay_on(
     """Replay on the workers of a cluster; return the rows of the results folder.
 
     timed : False for accuracy alone: smaller jobs of one pass, whose times compare with nothing
-    time_limit, memory_limit, options : repeats, slow_pass, study, as for `harness.replay.replay`
+    time_limit, memory_limit, options : repeats, slow_pass, study, as for
+        `harness.study.replay.replay`
     progress : called with the name of a job and the QPs solved, of all
 
     Raises what `replay` raises, and ClusterError where workers run other code, or a job has cost

@@ -29,8 +29,8 @@ class Expected(NamedTuple):
 
     kinds : of QP on which it may miss
     share : of all QPs that it may miss, rounded up
-    error : ‖A(x − x*)‖ of a miss at most, relative to the scale of the QP (`harness.facts`);
-        a QP without an answer counts as one of any size
+    error : ‖A(x − x*)‖ of a miss at most, relative to the scale of the QP
+        (`harness.judging.facts`); a QP without an answer counts as one of any size
     claims : whether it may say of a miss that it is solved
     """
 

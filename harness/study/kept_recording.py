@@ -10,11 +10,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from harness.in_loop import METHOD
-from harness.record import code_version
-from harness.recording import Recording, RecordingError, read_recording, write_recording
-from harness.store import Store
-from problems.options import StepperOptions
+from harness.motions.in_loop import METHOD
+from harness.recordings.recording import Recording, RecordingError, read_recording, write_recording
+from harness.results.store import Store
+from harness.study.record import code_version
+from problems.stepping.options import StepperOptions
 
 
 class Difference(NamedTuple):

@@ -1,7 +1,7 @@
 """Run a scene and keep every QP of it, each with a reference answer.
 
 1. `problems.simulate` runs the scene; it keeps the QPs and the solver's answers.
-2. The oracle finds A x* of each QP and says how sure it is (`harness.oracle`).
+2. The oracle finds A x* of each QP and says how sure it is (`harness.judging.oracle`).
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from harness.machine import problems_version, solver_version
-from harness.oracle import reference
-from harness.recording import Recording
+from harness.judging.oracle import reference
+from harness.machine.machine import problems_version, solver_version
+from harness.recordings.recording import Recording
 from problems import simulate
 from problems.qp import TANGENT, ContactQP, Vector
-from problems.run import Event
+from problems.stepping.run import Event
 from solvers import make_solver
 
 Progress = Callable[[str, float, float], None]

@@ -3,16 +3,16 @@
 For each recording and each accuracy setting:
 
 1. Pose the QPs with the accuracy of the setting; know their rank, scale and reference.
-2. Line up the runs: each solver in each arm that it has (`harness.starts`).
+2. Line up the runs: each solver in each arm that it has (`harness.passes.starts`).
 3. Go round all runs, one pass each, and round again until each has its repeats: what drifts on the
-   machine drifts for all.  Each run lives in a process of its own (`harness.isolate`).  A short
-   warm-up comes before its first pass.  A run whose pass takes more than `slow_pass` seconds is not
-   repeated, nor is one that has cost a process.
+   machine drifts for all.  Each run lives in a process of its own (`harness.processes.isolate`).  A
+   short warm-up comes before its first pass.  A run whose pass takes more than `slow_pass` seconds
+   is not repeated, nor is one that has cost a process.
 4. The first pass is judged; the others only add times, unless they cost a process: that is the
    verdict of the QP then.  A solver's own clock is believed within bounds (`measure.believed`).
    Every finished pass is stored at once.
 
-A folder that holds some of it already is continued where it stopped (`harness.store`).
+A folder that holds some of it already is continued where it stopped (`harness.results.store`).
 """
 
 from __future__ import annotations
@@ -28,10 +28,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from harness.calibration import calibrate
-from harness.facts import Facts, facts_of, setting_name, setting_names
-from harness.in_process import InProcess
-from harness.isolate import (
+from harness.judging.facts import Facts, facts_of, setting_name, setting_names
+from harness.judging.judge import judge
+from harness.judging.physics import MEASURES
+from harness.machine.calibration import calibrate
+from harness.machine.machine import machine_label, solver_version
+from harness.passes.measure import Outcome, believed, pose, run_pass
+from harness.passes.starts import ARMS, has_arm
+from harness.processes.in_process import InProcess
+from harness.processes.isolate import (
     MEMORY_LIMIT,
     TIME_LIMIT,
     Block,
@@ -41,14 +46,9 @@ from harness.isolate import (
     hard_limit,
     is_available,
 )
-from harness.judge import judge
-from harness.machine import machine_label, solver_version
-from harness.measure import Outcome, believed, pose, run_pass
-from harness.physics import MEASURES
-from harness.record import Progress
-from harness.recording import Recording, read_recording
-from harness.starts import ARMS, has_arm
-from harness.store import SPENT, TIMES, Shard, ShardKey, Store, read_results
+from harness.recordings.recording import Recording, read_recording
+from harness.results.store import SPENT, TIMES, Shard, ShardKey, Store, read_results
+from harness.study.record import Progress
 from problems.qp import WorkCounts
 from solvers import make_solver
 from solvers.registry import solver_class
@@ -107,12 +107,12 @@ def replay(
     isolate: bool = True,
     progress: Progress | None = None,
 ) -> pd.DataFrame:
-    """Replay recordings through solvers; return the rows (`harness.store.COLUMNS`).
+    """Replay recordings through solvers; return the rows (`harness.results.store.COLUMNS`).
 
     recordings : one or more, or their paths
     solvers : names, such as "daqp" or "lotstedt[exact_qr]"
-    settings : of "paper", "high", "default" (`harness.facts`), or numbers such as "1e-6"
-    arms : of `harness.starts.EVERY_ARM`
+    settings : of "paper", "high", "default" (`harness.judging.facts`), or numbers such as "1e-6"
+    arms : of `harness.passes.starts.EVERY_ARM`
     results : folder that is written to or continued; None: only the rows are returned
     repeats : timed passes of each run;  time_limit : [s] per solve
     memory_limit : [GiB] that a solver may take

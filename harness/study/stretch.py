@@ -20,10 +20,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from harness.facts import DENSE_COLUMNS
-from harness.oracle import reference
-from harness.record import Progress
-from harness.recording import Recording, Reference
+from harness.judging.facts import DENSE_COLUMNS
+from harness.judging.oracle import reference
+from harness.recordings.recording import Recording, Reference
+from harness.study.record import Progress
 from problems.qp import ContactQP, Solution, Status, working_set_of
 
 ROUNDING = 1e-12

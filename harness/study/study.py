@@ -2,7 +2,8 @@
 
 1. Each scene is recorded into RESULTS/recordings, unless a recording by the same code and with the
    same parameters is there.
-2. The recordings are replayed through the backends; finished passes are kept (`harness.store`).
+2. The recordings are replayed through the backends; finished passes are kept
+   (`harness.results.store`).
 3. The report is written into RESULTS/report.
 
 `QUICK` is the same with shorter motions, one pass and the fast backends: about a minute.
@@ -17,16 +18,16 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from harness.calibration import clock_facts
-from harness.cluster import replayer
-from harness.facts import SETTINGS
-from harness.isolate import TIME_LIMIT
-from harness.kept_recording import how_run, recording_in
-from harness.machine import library_versions, machine, solver_version
-from harness.record import Progress, record
-from harness.recording import Recording
-from harness.starts import ARMS
-from harness.store import Store
+from harness.judging.facts import SETTINGS
+from harness.machine.calibration import clock_facts
+from harness.machine.machine import library_versions, machine, solver_version
+from harness.passes.starts import ARMS
+from harness.processes.isolate import TIME_LIMIT
+from harness.recordings.recording import Recording
+from harness.results.store import Store
+from harness.study.cluster import replayer
+from harness.study.kept_recording import how_run, recording_in
+from harness.study.record import Progress, record
 from problems import scene as make_scene
 from solvers import available_solvers, describe
 from solvers.active_set.method import VARIANTS as LOTSTEDT_VARIANTS

@@ -4,7 +4,7 @@
 2. Count the rows whose A x is not within ten times the accuracy asked (verdict not verified;
    undecided is counted apart).
 3. The accurate class must not miss once.  The others are held to what is expected of them
-   (`harness.expected_misses`): more misses, larger ones or others are a failure.
+   (`harness.study.expected_misses`): more misses, larger ones or others are a failure.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from pathlib import Path
 
 import pandas as pd
 
-from harness.cluster import replayer
-from harness.expected_misses import ACCURATE_CLASS, expected_of
-from harness.record import Progress
-from harness.recording import Recording, read_recording
-from harness.starts import ARMS
+from harness.passes.starts import ARMS
+from harness.recordings.recording import Recording, read_recording
+from harness.study.cluster import replayer
+from harness.study.expected_misses import ACCURATE_CLASS, expected_of
+from harness.study.record import Progress
 
 VERIFY_SETTINGS = ("paper", "high")
 TIME_LIMIT = 60.0
@@ -37,8 +37,8 @@ def verify(
 
     cluster : address of a Dask scheduler, or a number of workers to start here; None: neither
 
-    Returns the table of `misses`, of what was asked for here.  Raises as `harness.replay.replay`
-    does.
+    Returns the table of `misses`, of what was asked for here.  Raises as
+    `harness.study.replay.replay` does.
     """
     loaded = [r if isinstance(r, Recording) else read_recording(r) for r in recordings]
     with replayer(cluster, timed=False) as replay:

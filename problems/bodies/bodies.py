@@ -12,15 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from problems.checks import check_number
-from problems.qp import Vector
-from problems.shapes import (
+from problems.bodies.checks import check_number
+from problems.bodies.shapes import (
     box_corners,
     convex_polygon,
     polygon_area,
     polygon_centroid,
     polygon_second_moment,
 )
+from problems.qp import Vector
 
 GROUND = -1
 """Body index of whatever does not move."""

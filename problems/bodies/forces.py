@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from problems.checks import check_body, check_number, check_numbers
+from problems.bodies.checks import check_body, check_number, check_numbers
 from problems.qp import Vector
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from problems.compiled import kernel
+from problems.kernels.compiled import kernel
 from problems.qp import Indices, Vector
 
 

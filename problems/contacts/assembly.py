@@ -12,17 +12,17 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from problems.constraint_graph import ConstraintGraph
-from problems.contact_kernels import (
+from problems.contacts.constraint_graph import ConstraintGraph
+from problems.contacts.geometry import Columns, Pose
+from problems.contacts.geometry_kernels import (
     column_speeds,
     column_sum,
     dense_columns,
     gather_columns,
     sparse_columns,
 )
-from problems.contacts import Columns, Pose
-from problems.friction_kernels import friction_bounds
-from problems.layout import Layout
+from problems.contacts.layout import Layout
+from problems.friction.kernels import friction_bounds
 from problems.qp import Indices, Matrix, Vector
 
 DENSE_ENTRIES = 4_000

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from problems.compiled import kernel
+from problems.kernels.compiled import kernel
 
 
 @kernel

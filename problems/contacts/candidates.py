@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from problems.broad_phase import free_pairs
-from problems.contacts import CONTACT_TOL, Geometry
+from problems.contacts.broad_phase import free_pairs
+from problems.contacts.geometry import CONTACT_TOL, Geometry
+from problems.formulas.step_kernels import largest_motion, sink_levels
 from problems.qp import Indices, Vector
-from problems.step_kernels import largest_motion, sink_levels
 
 MARGINS = ((8, 4.0), (30, 1.0), (np.inf, 0.25))
 """Up to so many bodies, the margin over the shortest edge: of few, to look at more candidates is

@@ -6,7 +6,7 @@ constraint one reaches its contact, from a contact its bodies and constraints, f
 contacts.  Insertion and deletion touch only the vertices concerned.  Whatever order matters for a
 recording is the order of `row_id`, given once and never reused.
 
-What is near but not active is in `problems.candidates`.
+What is near but not active is in `problems.contacts.candidates`.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from problems.active_kernels import Contacts
-from problems.candidates import Candidates
-from problems.contacts import PARALLEL_SINE, Geometry, Pose
-from problems.layout import Layout
+from problems.bodies.shapes import cross
+from problems.contacts.active_kernels import Contacts
+from problems.contacts.candidates import Candidates
+from problems.contacts.geometry import PARALLEL_SINE, Geometry, Pose
+from problems.contacts.layout import Layout
 from problems.qp import Indices, Vector
-from problems.shapes import cross
 
 NO_LAM = (0.0, 0.0)
 

@@ -20,9 +20,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from problems.compiled import kernel
-from problems.contacts import Geometry
-from problems.multistep import Path
+from problems.contacts.geometry import Geometry
+from problems.formulas.multistep import Path
+from problems.kernels.compiled import kernel
 from problems.qp import Indices, Vector
 
 SHALLOW = 1e-9

@@ -25,10 +25,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from problems.bodies import GROUND, Body
-from problems.broad_phase import near_corners
-from problems.checks import check_numbers
-from problems.contact_kernels import (
+from problems.bodies.bodies import GROUND, Body
+from problems.bodies.checks import check_numbers
+from problems.bodies.shapes import cross, rotate_quarter
+from problems.contacts.broad_phase import near_corners
+from problems.contacts.geometry_kernels import (
     clearance_on_path,
     clearances,
     contact_columns,
@@ -37,9 +38,8 @@ from problems.contact_kernels import (
     past_tip,
     place_corners,
 )
-from problems.multistep import Path
+from problems.formulas.multistep import Path
 from problems.qp import Indices, Vector
-from problems.shapes import cross, rotate_quarter
 
 CONTACT_TOL = 1e-3
 """Corners this close to each other, in units of the shortest edge of both, are one point; edges

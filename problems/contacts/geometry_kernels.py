@@ -1,16 +1,16 @@
 """The arithmetic of contacts, compiled: places, clearances, constraint functions, columns.
 
-What the formulas mean is said in `problems.contacts`; a column is kept as its six entries
+What the formulas mean is said in `problems.contacts.geometry`; a column is kept as its six entries
 for the body of the corner and the body of the edge, and the numbers of these two bodies, −1 for the
-ground, which does not move.  What an `arena` is: see `problems.arena`.
+ground, which does not move.  What an `arena` is: see `problems.kernels.arena`.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from problems.arena import integers, numbers, table, zeros
-from problems.compiled import in_rows, kernel
+from problems.kernels.arena import integers, numbers, table, zeros
+from problems.kernels.compiled import in_rows, kernel
 
 
 @kernel

@@ -7,8 +7,8 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from problems.active_kernels import qp_columns
-from problems.minimum_norm import IndependenceProof
+from problems.contacts.active_kernels import qp_columns
+from problems.least_norm.minimum_norm import IndependenceProof
 from problems.qp import Indices, Vector
 
 

@@ -13,7 +13,7 @@ This differs from the paper: 1. the formulas and the error constants of (3.5) ar
 steps, because the paper prints none; 2. growth is limited to `GROWTH`, below the 1 + √2 at which
 BDF-2 loses zero-stability, and h to `h_max`, because in free fall the estimate of AB-2 is 0.
 
-The functions of numbers alone are also compiled, into `problems.quiet_steps`; so they
+The functions of numbers alone are also compiled, into `problems.stepping.quiet_steps`; so they
 call nothing that is not.
 """
 

@@ -1,14 +1,14 @@
 """The arithmetic of one time step, compiled: what is done at every step, whether or not anything
-happens.  What the formulas mean is said in `problems.events` and `problems.velocity`.
+happens.  What the formulas mean is said in `problems.stepping.events` and
+`problems.stepping.velocity`.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from problems.arena import numbers, zeros
-from problems.compiled import kernel
-from problems.contact_kernels import (
+from problems.contacts.dips import ARRIVAL, MAX_HALVINGS, first_dip, floor_of
+from problems.contacts.geometry_kernels import (
     clearance_on_path,
     clearances,
     column_speeds,
@@ -16,7 +16,8 @@ from problems.contact_kernels import (
     least_overlap,
     place_corners,
 )
-from problems.dips import ARRIVAL, MAX_HALVINGS, first_dip, floor_of
+from problems.kernels.arena import numbers, zeros
+from problems.kernels.compiled import kernel
 
 ROUNDING = 1e-12
 """A gap that closes by less than this has not changed [m]."""

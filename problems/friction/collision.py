@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from problems.active_kernels import Frictions
+from problems.contacts.active_kernels import Frictions
 from problems.qp import Indices, Vector
 
 
 class Collision(NamedTuple):
-    """What Newton–Coulomb impulses follow from, see `problems.newton_coulomb`.
+    """What Newton–Coulomb impulses follow from, see `problems.friction.newton_coulomb`.
 
     D, v, F : (3n,) with q̇₋ = v and the external impulse
     columns, layout, tangents : (entries (·, 6), bodies (·, 2)) of g_N, of the QP and of g_F

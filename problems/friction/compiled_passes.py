@@ -1,7 +1,7 @@
 """Passes of corrected friction, compiled: step 2 of algorithm 1, and Newton–Coulomb impulses.
 
-What they are is said in `problems.friction_passes`; the loops that keep their QPs are in
-`problems.velocity` and `problems.newton_coulomb`.
+What they are is said in `problems.friction.passes`; the loops that keep their QPs are in
+`problems.stepping.velocity` and `problems.friction.newton_coulomb`.
 """
 
 from __future__ import annotations
@@ -10,23 +10,23 @@ from math import inf
 
 import numpy as np
 
-import problems.multistep as multistep
-from problems.arena import numbers, zeros
-from problems.compiled import in_rows, kernel, lent, read_only
-from problems.compiled_least_norm import least_norm
-from problems.contact_kernels import column_speeds, column_sum, dense_columns
-from problems.friction_kernels import (
+import problems.formulas.multistep as multistep
+from problems.contacts.geometry_kernels import column_speeds, column_sum, dense_columns
+from problems.formulas.multistep import FIRST_RATE
+from problems.formulas.step_kernels import momentum, outcome, weighted_norm
+from problems.friction.kernels import (
     driven_forces,
     force_change,
     forced_signs,
     friction_bounds,
     small_newton_multipliers,
 )
-from problems.independence import SAFE_FRACTION, far_from_dependent
-from problems.multistep import FIRST_RATE
+from problems.kernels.arena import numbers, zeros
+from problems.kernels.compiled import in_rows, kernel, lent, read_only
+from problems.least_norm.compiled import least_norm
+from problems.least_norm.independence import SAFE_FRACTION, far_from_dependent
 from problems.qp import LARGEST
 from problems.qp_kernel import WARM, X
-from problems.step_kernels import momentum, outcome, weighted_norm
 
 iteration_error = kernel(multistep.iteration_error)
 
@@ -77,7 +77,7 @@ def friction_passes(
 
     There are 0 passes where they do not settle, or a QP is not solved.
 
-    frictions : `problems.active_kernels.Frictions`;  D, forces, b : (m,)
+    frictions : `problems.contacts.active_kernels.Frictions`;  D, forces, b : (m,)
     columns : g_N (N, 6) and their bodies (N, 2);  layout, tangents : those of the QP and of g_F
     lam_star : (N,) of the first pass
     stop : passes at most; the change of ‖q̇‖_M that another may make; ε₀ of a QP; whether it is the
@@ -85,7 +85,7 @@ def friction_passes(
     qp : A, and room for d, lower and upper, see `qp_room`
     room : solve, S, I, eps0 and mode, see `problems.qp_kernel`
     found : v, a, lam_N, lam_F and bound, written to
-    arena : see `problems.arena`
+    arena : see `problems.kernels.arena`
     """
     # tuples are lent, and arrays handed on one by one: else it is counted each time who holds them
     frictions, (entries, pairs), (g_F, rubbing) = lent(frictions), lent(layout), lent(tangents)

@@ -31,7 +31,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from problems.assembly import Assembly
+from problems.contacts.assembly import Assembly
 from problems.qp import Indices, Vector
 
 MOST_VARIABLES = 1000

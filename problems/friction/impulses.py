@@ -14,13 +14,13 @@ from typing import Literal
 import numpy as np
 import scipy.sparse as sp
 
-from problems.assembly import Assembly
-from problems.newton_coulomb import newton_coulomb_impulse
+from problems.contacts.assembly import Assembly
+from problems.friction.newton_coulomb import newton_coulomb_impulse
 from problems.qp import Vector
 from problems.sequence import QPSequence
 
 ImpulseRule = Literal["paper", "newton_coulomb"]
-"""The paper's cone of impulses, or `problems.newton_coulomb`."""
+"""The paper's cone of impulses, or `problems.friction.newton_coulomb`."""
 
 IMPULSE_ACCURACY = 1e-10
 """Accuracy asked of an impulse, relative to the momentum: the paper factorizes exactly there."""

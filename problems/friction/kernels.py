@@ -1,12 +1,12 @@
-"""The arithmetic of friction passes, compiled; see `problems.friction_passes`."""
+"""The arithmetic of friction passes, compiled; see `problems.friction.passes`."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from problems.arena import numbers, zeros
-from problems.compiled import kernel
-from problems.contact_kernels import column_product, column_sum, columns_product
+from problems.contacts.geometry_kernels import column_product, column_sum, columns_product
+from problems.kernels.arena import numbers, zeros
+from problems.kernels.compiled import kernel
 
 AT_BOUND = 1e-9
 """Relative distance from its bound at which a friction force is at it."""
@@ -165,7 +165,7 @@ def solve_in_place(K, y, smallest):
 
 @kernel
 def newton_move(normals, tangents, inverse_mass, friction_of, mu, sigma, inside, free, gamma):
-    """y of `problems.friction_passes` for the free normals, (N,), and whether there is one.
+    """y of `problems.friction.passes` for the free normals, (N,), and whether there is one.
 
     normals, tangents : (entries (·, 6), bodies (·, 2)) of g_N and g_F
     sigma : (F,);  inside : (F,) whether strictly within its bound;  free : (N,);  gamma : (N,) γ
@@ -231,7 +231,7 @@ def next_multipliers(lam_star, lam_N, y, from_above):
 def small_newton_multipliers(
     normals, tangents, inverse_mass, friction_of, mu, signs, sigma, lam_star, lam_N, from_above
 ):
-    """λ_* (N,) of the next pass, see `problems.friction_passes.newton_multipliers`."""
+    """λ_* (N,) of the next pass, see `problems.friction.passes.newton_multipliers`."""
     free = loaded(lam_N)
     if not free.any() or not sigma.any() or np.isinf(lam_star).any():
         return lam_N.copy()

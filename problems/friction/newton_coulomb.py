@@ -9,12 +9,13 @@ so a contact that goes on sliding stays a contact, while in the paper's model (�
 g_Nᵀq̇₊ = μ_I |g_Fᵀq̇₊|.  The paper says that models differ by O(1) and that its own was chosen for
 its simplicity.  Where contacts stick, and without friction, both are the same.
 
-It is the fixed point of `problems.friction_passes` with h = α₀ = 1, all contacts bounded by
+It is the fixed point of `problems.friction.passes` with h = α₀ = 1, all contacts bounded by
 ± μ_I Σ Λ_*, from Λ_* = ∞.  With redundant contacts there need not be one: the QP's Λ of least norm
 may bound friction otherwise than the Λ that explains the motion.  Where the passes do not settle
-`problems.coulomb_lcp` is asked, which ends with a Λ that meets both laws.  With its bounds the QP
-has the same q̇₊, because this Λ meets the optimality conditions of that QP, and A Λ is unique; so
-the collision ends with this QP.  Energy may grow at a contact that reverses its slip (4.12).
+`problems.friction.coulomb_lcp` is asked, which ends with a Λ that meets both laws.  With its bounds
+the QP has the same q̇₊, because this Λ meets the optimality conditions of that QP, and A Λ is
+unique; so the collision ends with this QP.  Energy may grow at a contact that reverses its slip
+(4.12).
 """
 
 from __future__ import annotations
@@ -25,18 +26,18 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from problems.active_kernels import Frictions
-from problems.arena import Arena
-from problems.assembly import Assembly, scaled_matrix
-from problems.collision import Collision, Impact
-from problems.compiled import Direct
-from problems.compiled_passes import impulse_passes
-from problems.coulomb_lcp import MOST_VARIABLES, coulomb_multipliers
-from problems.friction import coulomb_rows
-from problems.friction_kernels import force_change
-from problems.friction_passes import newton_multipliers
-from problems.layout import Layout
-from problems.minimum_norm import minimum_norm
+from problems.contacts.active_kernels import Frictions
+from problems.contacts.assembly import Assembly, scaled_matrix
+from problems.contacts.layout import Layout
+from problems.friction.collision import Collision, Impact
+from problems.friction.compiled_passes import impulse_passes
+from problems.friction.coulomb_lcp import MOST_VARIABLES, coulomb_multipliers
+from problems.friction.kernels import force_change
+from problems.friction.passes import newton_multipliers
+from problems.friction.rules import coulomb_rows
+from problems.kernels.arena import Arena
+from problems.kernels.compiled import Direct
+from problems.least_norm.minimum_norm import minimum_norm
 from problems.qp import Matrix, Vector
 from problems.qp_kernel import CompiledMethod
 from problems.sequence import QPSequence, SimulationError

@@ -26,8 +26,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, eigs, splu
 
-from problems.assembly import Assembly
-from problems.friction_kernels import (
+from problems.contacts.assembly import Assembly
+from problems.friction.kernels import (
     RIDGE,
     forced_signs,
     loaded,

@@ -9,7 +9,7 @@ is bounded by ± μ λ_*; λ_* stands for the normal multiplier, unknown until t
 
 `friction="paper"` uses these as printed.  `friction="corrected"` (the default) takes them as a
 prediction, solves, and solves again with another λ_* until λ_N(λ_*) = λ_* as far as the friction
-forces depend on it (`problems.friction_passes`).
+forces depend on it (`problems.friction.passes`).
 
 This differs from the paper, because: 1. one sliding contact obeys λ_n = λ₀ + γ λ_* with the gain
 γ = −μ s (g_NᵀM⁻¹g_F)/(g_NᵀM⁻¹g_N), and with (4.2) errors grow at any h unless −1/(1+2w) < γ;
@@ -25,10 +25,10 @@ from typing import Literal
 import numpy as np
 import scipy.sparse as sp
 
-from problems.assembly import Assembly
-from problems.contact_kernels import compliances
-from problems.friction_kernels import spring_loads
-from problems.layout import Layout
+from problems.contacts.assembly import Assembly
+from problems.contacts.geometry_kernels import compliances
+from problems.contacts.layout import Layout
+from problems.friction.kernels import spring_loads
 from problems.qp import Vector
 
 FrictionRule = Literal["paper", "corrected"]

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from problems.compiled import in_rows, kernel
+from problems.kernels.compiled import in_rows, kernel
 from problems.qp import Indices, Vector
 
 PER_ENTRY = 64

@@ -28,6 +28,8 @@ from numba.core.registry import cpu_target
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
+from problems.kernels.sources import defining, sources
+
 FAST_MATH = frozenset({"reassoc", "contract", "nsz"})
 """Sums may be regrouped for vector instructions; NaN and infinity keep their meaning."""
 
@@ -195,24 +197,4 @@ class Direct:
         return self._code(*arguments)
 
 
-SOURCES = (
-    "arena.py",
-    "active_kernels.py",
-    "contact_kernels.py",
-    "broad_phase.py",
-    "dips.py",
-    "step_kernels.py",
-    "friction_kernels.py",
-    "independence.py",
-    "peeling.py",
-    "qp_kernel.py",
-    "compiled_least_norm.py",
-    "compiled_passes.py",
-    "quiet_records.py",
-    "quiet_steps.py",
-    "multistep.py",
-    "qp.py",
-    "sparse_minimum_norm.py",
-)
-
-kernel = kernel_decorator([Path(__file__), *(Path(__file__).with_name(name) for name in SOURCES)])
+kernel = kernel_decorator(sources(defining(Path(__file__).parents[1], "\n@kernel\n"), ["problems"]))

@@ -1,7 +1,7 @@
 """Minimum-norm multipliers (4.8) of small QPs, compiled.
 
-The same way to the same λ as `problems.minimum_norm`, which says what it is, for runs whose QPs are
-not kept: the least-distance problem is a QP like every other, but nobody records it.
+The same way to the same λ as `problems.least_norm.minimum_norm`, which says what it is, for runs
+whose QPs are not kept: the least-distance problem is a QP like every other, but nobody records it.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from math import inf, sqrt
 
 import numpy as np
 
-from problems.arena import integers, numbers, table
-from problems.compiled import in_rows, kernel, read_only
-from problems.independence import ACCURACY, RANK_TOL
+from problems.kernels.arena import integers, numbers, table
+from problems.kernels.compiled import in_rows, kernel, read_only
+from problems.least_norm.independence import ACCURACY, RANK_TOL
+from problems.least_norm.sparse_minimum_norm import SAME_FORCE
 from problems.qp_kernel import N_FLOAT_ROWS, N_INT_ROWS, WARM, X, room_size
-from problems.sparse_minimum_norm import SAME_FORCE
 
 
 @kernel
@@ -73,7 +73,7 @@ def null_space(A):
 def least_distance(E, e, arena, solve, mode):
     """z (l,) of least norm with E z ≥ e, E (p, l), whether there is one, and QPs solved for it.
 
-    arena : see `problems.arena`;  solve, mode : see `problems.qp_kernel`
+    arena : see `problems.kernels.arena`;  solve, mode : see `problems.qp_kernel`
     """
     p, l = E.shape
     z = np.zeros(l)

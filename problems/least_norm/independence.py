@@ -1,14 +1,14 @@
 """Whether the columns of a dense matrix are independent beyond doubt, compiled.
 
-See `problems.minimum_norm.surely_independent`.
+See `problems.least_norm.minimum_norm.surely_independent`.
 """
 
 from __future__ import annotations
 
 from math import sqrt
 
-from problems.arena import zeros
-from problems.compiled import in_rows, kernel
+from problems.kernels.arena import zeros
+from problems.kernels.compiled import in_rows, kernel
 
 RANK_TOL = 1e-10
 """Diagonal entries of R below this fraction of the first count as 0."""

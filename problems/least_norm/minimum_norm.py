@@ -11,7 +11,7 @@ p. 159]) turn it into a non-negative least-squares problem, a `ContactQP` like e
 
     minimise ½‖B u − e_last‖², u ≥ 0,   B = [Eᵀ; eᵀ];   z = −r_head / r_last,  r = B u − e_last
 
-Large sparse QPs go another way to the same λ, `problems.sparse_minimum_norm`.
+Large sparse QPs go another way to the same λ, `problems.least_norm.sparse_minimum_norm`.
 
 This differs from the paper: 1. the Coulomb rows; against lagged bounds alone, (4.8) shrinks λ_N
 while |λ_F| stays below an old bound, so the next bound is too small and a resting contact slips, is
@@ -29,13 +29,13 @@ from numpy.typing import ArrayLike
 from scipy.linalg.lapack import dgeqp3, dorgqr
 from scipy.sparse.linalg import splu
 
-from problems.arena import Arena
-from problems.compiled import Direct
-from problems.compiled_least_norm import least_norm as compiled_least_norm
-from problems.independence import ACCURACY, RANK_TOL, SAFE_FRACTION, far_from_dependent
+from problems.kernels.arena import Arena
+from problems.kernels.compiled import Direct
+from problems.least_norm.compiled import least_norm as compiled_least_norm
+from problems.least_norm.independence import ACCURACY, RANK_TOL, SAFE_FRACTION, far_from_dependent
+from problems.least_norm.sparse_minimum_norm import SAME_FORCE, ridge_minimum_norm
 from problems.qp import FEATURE_FIELDS, LARGEST, ContactQP, Matrix, Vector
 from problems.sequence import QPSequence
-from problems.sparse_minimum_norm import SAME_FORCE, ridge_minimum_norm
 
 run_least_norm = Direct(compiled_least_norm)
 MANY_COLUMNS = 400

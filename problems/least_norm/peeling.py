@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from problems.compiled import kernel
+from problems.kernels.compiled import kernel
 
 SURE_SINE = 1e-3
 """Sine of the angle between a column and the span of others that is no rounding."""

@@ -1,6 +1,7 @@
 """Minimum-norm multipliers (4.8) of thousands of contacts: the same λ from sparse QPs.
 
-The QR decomposition of `problems.minimum_norm` is dense.  Here (4.8) is posed as a ridge,
+The QR decomposition of `problems.least_norm.minimum_norm` is dense.  Here (4.8) is posed as a
+ridge,
 
     minimise ½‖A λ − f_j‖² + ½ δ² ‖λ‖²   within the bounds of λ,      f₀ = A x,
 
@@ -43,7 +44,8 @@ def ridge_minimum_norm(
 ) -> Vector:
     """Least-norm multipliers with the same A x as `x` within the bounds of `qp`.  (k,)
 
-    coulomb : rows C with C λ ≥ 0 to be kept as well, of `problems.friction.coulomb_rows`, or None
+    coulomb : rows C with C λ ≥ 0 to be kept as well, of `problems.friction.rules.coulomb_rows`, or
+        None
     """
     x = np.clip(x, qp.lower, qp.upper)
     if not np.any(x[qp.lower < qp.upper]):  # fixed rows have nothing to choose

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from problems.bodies import Body
+from problems.bodies.bodies import Body
 from problems.qp import Vector
 
 TRIALS = 4

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from problems.contacts import HalfPlane
-from problems.random_scenes import random_polygons, scene_generator
+from problems.contacts.geometry import HalfPlane
+from problems.scenes.random_scenes import random_polygons, scene_generator
 from problems.scenes.scene import MOST_CORNERS, MOST_POLYGONS, Scene, at_most
 
 

@@ -26,11 +26,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from problems.bodies import Body, box
-from problems.contacts import HalfPlane
-from problems.deposition import heap_positions
+from problems.bodies.bodies import Body, box
+from problems.contacts.geometry import HalfPlane
 from problems.qp import Indices, Vector
-from problems.random_scenes import random_polygons, scene_generator
+from problems.scenes.deposition import heap_positions
+from problems.scenes.random_scenes import random_polygons, scene_generator
 from problems.scenes.scene import MOST_BODIES, MOST_CORNERS, MOST_POLYGONS, Scene, at_most
 
 

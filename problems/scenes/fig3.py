@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from problems.bodies import polygon_body
-from problems.forces import SpringDamper
+from problems.bodies.bodies import polygon_body
+from problems.bodies.forces import SpringDamper
 from problems.scenes.scene import Scene
 
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from problems.bodies import box
-from problems.forces import Impulse
+from problems.bodies.bodies import box
+from problems.bodies.forces import Impulse
 from problems.scenes.scene import MOST_BODIES, Scene, at_most
 
 

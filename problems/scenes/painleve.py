@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from problems.bodies import box
+from problems.bodies.bodies import box
 from problems.scenes.scene import Scene
 
 

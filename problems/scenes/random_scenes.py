@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from problems.bodies import Body, polygon_body
+from problems.bodies.bodies import Body, polygon_body
 
 
 def scene_generator(bodies: int, seed: int, **lengths: float) -> np.random.Generator:

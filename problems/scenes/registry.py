@@ -21,13 +21,13 @@ PAPER = {
 }
 """The paper's examples."""
 FAMILIES = {
-    "tower": "problems.families:tower",
-    "wall": "problems.families:wall",
-    "pyramid": "problems.families:pyramid",
-    "heap": "problems.families:heap",
+    "tower": "problems.scenes.families:tower",
+    "wall": "problems.scenes.families:wall",
+    "pyramid": "problems.scenes.families:pyramid",
+    "heap": "problems.scenes.families:heap",
 }
 """Scenes of any number of bodies."""
-FALLING = {"rain": "problems.falling:rain"}
+FALLING = {"rain": "problems.scenes.falling:rain"}
 """Scenes of any number of bodies that do not touch at the start."""
 STUDIES = {"painleve": "problems.scenes.painleve:painleve"}
 """Scenes of a question of their own."""

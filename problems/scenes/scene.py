@@ -8,10 +8,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from problems.bodies import GROUND, Body
-from problems.checks import check_body
-from problems.contacts import HalfPlane
-from problems.forces import Force, Gravity, Impulse
+from problems.bodies.bodies import GROUND, Body
+from problems.bodies.checks import check_body
+from problems.bodies.forces import Force, Gravity, Impulse
+from problems.contacts.geometry import HalfPlane
 from problems.qp import Vector
 
 MOST_BODIES = 20_000

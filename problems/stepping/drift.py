@@ -24,7 +24,7 @@ import scipy.linalg as sla
 import scipy.sparse as sp
 from scipy.sparse.linalg import lsmr
 
-from problems.assembly import Assembly
+from problems.contacts.assembly import Assembly
 from problems.qp import Indices, Matrix, Vector
 
 DriftRule = Literal["none", "baumgarte", "projection"]

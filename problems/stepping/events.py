@@ -15,15 +15,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
-from problems.bodies import GROUND
-from problems.constraint_graph import ConstraintGraph, Normal
-from problems.contact_kernels import column_speeds
-from problems.contacts import Columns, Geometry, Pose
-from problems.dips import dips, floors
-from problems.multistep import Path
-from problems.qp import Vector
-from problems.shapes import cross
-from problems.step_kernels import (
+from problems.bodies.bodies import GROUND
+from problems.bodies.shapes import cross
+from problems.contacts.constraint_graph import ConstraintGraph, Normal
+from problems.contacts.dips import dips, floors
+from problems.contacts.geometry import Columns, Geometry, Pose
+from problems.contacts.geometry_kernels import column_speeds
+from problems.formulas.multistep import Path
+from problems.formulas.step_kernels import (
     END_SLACK,
     FAR_TOO_DEEP,
     arrive,
@@ -33,6 +32,7 @@ from problems.step_kernels import (
     next_overlap,
     ways,
 )
+from problems.qp import Vector
 
 SAME_TIME = 1e-9
 """Events within this many seconds of each other are simultaneous."""
@@ -142,8 +142,9 @@ def first_hits(
     """The earliest collisions along the path within h; several if simultaneous, sorted.
 
     A candidate collides when its clearance falls below its reference level, or almost to it, be it
-    for a part of the step only (`problems.dips`), unless an active contact makes it redundant there
-    or the parts are not approaching (faster than `slowest`) along the normal of the edge concerned.
+    for a part of the step only (`problems.contacts.dips`), unless an active contact makes it
+    redundant there or the parts are not approaching (faster than `slowest`) along the normal of the
+    edge concerned.
 
     clearance : (L,) of all candidates at path(h)
     """

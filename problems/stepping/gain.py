@@ -1,7 +1,7 @@
 """Where friction feeds back on itself: gains γ ≥ 1, which a run reports as events.
 
 A sliding contact presses itself: λ_N answers λ_* with the slope γ = −μ s (g_NᵀM⁻¹g_F)/(g_NᵀM⁻¹g_N),
-and several contacts with the matrix λ_N'(λ_*) of `problems.friction_passes`.  As long as its
+and several contacts with the matrix λ_N'(λ_*) of `problems.friction.passes`.  As long as its
 eigenvalues stay below 1 there is one λ that meets Coulomb's law with the signs s.  At γ ≥ 1 there
 may be none, or another beside the one that is taken (Painlevé 1895), and the lagged rules (4.2) and
 (4.3) grow from step to step.
@@ -15,12 +15,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from problems.constraint_graph import Normal
-from problems.contact_kernels import own_gains
-from problems.friction_kernels import QUIET_PASSES
-from problems.friction_passes import largest_gain
+from problems.contacts.constraint_graph import Normal
+from problems.contacts.geometry_kernels import own_gains
+from problems.friction.kernels import QUIET_PASSES
+from problems.friction.passes import largest_gain
 from problems.qp import Vector
-from problems.velocity import VelocityStep
+from problems.stepping.velocity import VelocityStep
 
 
 class GainWatch:

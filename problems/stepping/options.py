@@ -7,9 +7,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from problems.drift import DRIFT_RULES, DRIFT_TIME, DriftRule
-from problems.friction import FrictionRule
-from problems.impulses import ImpulseRule
+from problems.friction.impulses import ImpulseRule
+from problems.friction.rules import FrictionRule
+from problems.stepping.drift import DRIFT_RULES, DRIFT_TIME, DriftRule
 
 StopRule = Literal["located", "held"]
 
@@ -20,17 +20,17 @@ class StepperOptions:
 
     eps : ε of (3.5), (3.13) and the tolerance for g_Fᵀq̇ = 0
     drop_tol : separation speed at which a contact is dropped (step 4); default ε
-    friction : "corrected" or "paper", see `problems.friction`
+    friction : "corrected" or "paper", see `problems.friction.rules`
     fixed_step : a constant h [s] without error control, cut only by events; None: (3.5)
     stops : where slip ends: "located", an event, or "held": what would stop within a step may stick
         for all of it, and the step is not cut
     h_first, h_max : first and largest step [s]
     order : r of AB-r and BDF-r once it has started, 1 or 2
-    impulses : "paper" or "newton_coulomb", see `problems.impulses`
+    impulses : "paper" or "newton_coulomb", see `problems.friction.impulses`
     rest_speed : at rest, ‖q̇_i‖_M ≤ rest_speed and ‖q̈_i‖_M ≤ rest_speed / `REST_HORIZON` for every
         body; default 2 ε
     drift, drift_time : "none", "baumgarte" with τ = drift_time [s], or "projection", see
-        `problems.drift`
+        `problems.stepping.drift`
 
     Raises ValueError, naming the option, for a number that is not positive or an unknown choice.
     """

@@ -1,9 +1,9 @@
 """Quiet steps of a run whose QPs are not kept: taken in compiled code, many at a time.
 
 Between events a step is always the same: AB-r, columns, passes of QPs, BDF-r, the length of the
-next.  `problems.quiet_steps` is a loop over such steps, with the QP method that the solver hands
-over (`problems.qp_kernel`); it ends where the stepper is needed: at a collision, at an end of an
-edge, after a step with which friction stops.  What it does is what `Stepper.advance` does, up to
+next.  `problems.stepping.quiet_steps` is a loop over such steps, with the QP method that the solver
+hands over (`problems.qp_kernel`); it ends where the stepper is needed: at a collision, at an end of
+an edge, after a step with which friction stops.  What it does is what `Stepper.advance` does, up to
 rounding, and with more columns than the solver has a path of its own for, up to the accuracy asked
 of QPs.  Forces must be constant between their jumps.
 """
@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from problems.arena import Arena
-from problems.assembly import Assembly
-from problems.compiled import Direct
-from problems.constraint_graph import ActiveSet
-from problems.multistep import asked_accuracy
+from problems.contacts.assembly import Assembly
+from problems.contacts.constraint_graph import ActiveSet
+from problems.formulas.multistep import asked_accuracy
+from problems.kernels.arena import Arena
+from problems.kernels.compiled import Direct
 from problems.qp import Solution, Status, Vector
 from problems.qp_kernel import WARM
-from problems.quiet_records import (
+from problems.stepping.quiet_records import (
     A_BEFORE,
     AGAIN,
     CHANGES,
@@ -52,13 +52,13 @@ from problems.quiet_records import (
     QuietSteps,
     V,
 )
-from problems.quiet_steps import quiet_steps
-from problems.run import Stretch
-from problems.velocity import MAX_PASSES, VelocityStep
+from problems.stepping.quiet_steps import quiet_steps
+from problems.stepping.run import Stretch
+from problems.stepping.velocity import MAX_PASSES, VelocityStep
 
 if TYPE_CHECKING:
-    from problems.system import System
-    from problems.transitions import Transitions
+    from problems.stepping.system import System
+    from problems.stepping.transitions import Transitions
 
 run_quiet_steps = Direct(quiet_steps)
 NO_CONTACT = Solution(

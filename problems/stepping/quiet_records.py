@@ -1,7 +1,8 @@
 """What a stretch of quiet steps is taken with, and what it leaves behind.
 
 Between events a step is always the same: AB-r, columns, passes of QPs, BDF-r, the length of the
-next.  `problems.quiet_steps` takes such steps, `problems.quiet` prepares them and follows.
+next.  `problems.stepping.quiet_steps` takes such steps, `problems.stepping.quiet` prepares them and
+follows.
 """
 
 from __future__ import annotations
@@ -11,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from problems.active_kernels import Contacts
-from problems.arena import Arena
-from problems.contacts import Shapes
+from problems.contacts.active_kernels import Contacts
+from problems.contacts.geometry import Shapes
+from problems.kernels.arena import Arena
 from problems.qp import Indices, Vector
 
 MOST = 256

@@ -1,11 +1,11 @@
 """Steps of algorithm 1 in which nothing happens, many in one compiled call.
 
 Taken one by one from Python each costs a hundred times what its arithmetic does.  Here they are
-taken until something calls for the stepper (`problems.quiet`): a corner that crosses an edge or
-leaves one, parts that overlap, a scheduled time, bodies that are still, a QP that is not solved,
-friction that stops, whose passes are many or whose gain is 1 or more (`problems.gain`).  Contacts
-that separate and friction that begins to slip, which restart nothing (step 4), are seen to on the
-way.
+taken until something calls for the stepper (`problems.stepping.quiet`): a corner that crosses an
+edge or leaves one, parts that overlap, a scheduled time, bodies that are still, a QP that is not
+solved, friction that stops, whose passes are many or whose gain is 1 or more
+(`problems.stepping.gain`).  Contacts that separate and friction that begins to slip, which restart
+nothing (step 4), are seen to on the way.
 """
 
 from __future__ import annotations
@@ -14,12 +14,10 @@ from math import hypot, inf
 
 import numpy as np
 
-import problems.multistep as multistep
-from problems.active_kernels import Frictions, qp_columns, without
-from problems.arena import numbers, table, zeros
-from problems.compiled import kernel, lent, read_only
-from problems.compiled_passes import friction_passes, qp_room
-from problems.contact_kernels import (
+import problems.formulas.multistep as multistep
+from problems.contacts.active_kernels import Frictions, qp_columns, without
+from problems.contacts.dips import MAX_HALVINGS
+from problems.contacts.geometry_kernels import (
     clearances,
     column_speeds,
     compliances,
@@ -31,15 +29,33 @@ from problems.contact_kernels import (
     past_tip,
     place_corners,
 )
-from problems.dips import MAX_HALVINGS
-from problems.friction_kernels import (
+from problems.formulas.multistep import REDONE, SHORTEST_STEP, STOP_TRIALS
+from problems.formulas.step_kernels import (
+    APPROACHING,
+    beyond_edge,
+    contact_tolerance,
+    enters,
+    fastest_body,
+    largest_motion,
+    miss,
+    next_overlap,
+    path_end,
+    separates,
+    sink_levels,
+    stopping_lengths,
+    ways,
+    weighted_norm,
+)
+from problems.friction.compiled_passes import friction_passes, qp_room
+from problems.friction.kernels import (
     QUIET_PASSES,
     extrapolated_multipliers,
     forced_signs,
     spring_loads,
 )
-from problems.multistep import REDONE, SHORTEST_STEP, STOP_TRIALS
-from problems.quiet_records import (
+from problems.kernels.arena import numbers, table, zeros
+from problems.kernels.compiled import kernel, lent, read_only
+from problems.stepping.quiet_records import (
     A_BEFORE,
     AGAIN,
     ALLOWED,
@@ -73,22 +89,6 @@ from problems.quiet_records import (
     H,
     Q,
     V,
-)
-from problems.step_kernels import (
-    APPROACHING,
-    beyond_edge,
-    contact_tolerance,
-    enters,
-    fastest_body,
-    largest_motion,
-    miss,
-    next_overlap,
-    path_end,
-    separates,
-    sink_levels,
-    stopping_lengths,
-    ways,
-    weighted_norm,
 )
 
 second_order_bdf = kernel(multistep.second_order_bdf)
@@ -512,7 +512,7 @@ def steady_steps(run, contacts, frictions, leaving, solve, S, I, eps0, mode):
 def quiet_steps(run, solve, S, I, eps0, mode):
     """Take steps until something happens or `track` is full; `counts[TAKEN]` of them.
 
-    run : `problems.quiet.QuietSteps`, whose arrays are updated
+    run : `problems.stepping.quiet.QuietSteps`, whose arrays are updated
     solve, S, I, eps0, mode : see `problems.qp_kernel`
     """
     run = lent(run)

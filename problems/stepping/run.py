@@ -30,8 +30,9 @@ EVENT_KINDS = (
     "rest",
 )
 """jam: sliding friction whose gain is 1 or more has stopped contacts, and q̇ jumps; gain: there is
-such friction (`problems.gain`).  overlap: two parts overlap by more than drift may leave; what
-should have kept them apart was found late, or they overlap far too deep whatever keeps them now."""
+such friction (`problems.stepping.gain`).  overlap: two parts overlap by more than drift may leave;
+what should have kept them apart was found late, or they overlap far too deep whatever keeps them
+now."""
 
 
 class Stretch(NamedTuple):
@@ -118,7 +119,7 @@ class Run:
 
     def kinetic_energy(self) -> Vector:
         """T = ½ q̇ᵀ M q̇ at each time, (n,) [J]."""
-        from problems.bodies import mass_diagonal
+        from problems.bodies.bodies import mass_diagonal
 
         M = mass_diagonal(self.scene.bodies)
         return 0.5 * (self.v.reshape(len(self.t), -1) ** 2) @ M

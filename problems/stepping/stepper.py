@@ -18,18 +18,18 @@ This differs from the paper, because the text leaves it open or the rule fails a
     where a corner slides off the end of the edge takes over if it touches;
  2. t_* is refined from the inverse linear interpolation, collisions and slide-offs are located on
     the position polynomial before any QP is solved, and also where they are undone by the end of
-    the step (`problems.dips`);
+    the step (`problems.contacts.dips`);
  3. the threshold of step 4 is a parameter of its own, `drop_tol`, by default ε; contacts that have
     opened more slowly, but wide, are dropped too;
  4. with slip → stick, every contact that slips slower than ε sticks with it; with
     `stops="held"`, for contacts by the thousand, no step is cut there: what would stop within it
     may stick for all of it;
  5. events at less than `SHORTEST_STEP` are handled where they are, with no step;
- 6. corrected friction, see `problems.friction`;
+ 6. corrected friction, see `problems.friction.rules`;
  7. jamming: sliding forces s μ λ with s kept may feed back on λ with a gain ≥ 1, and then no λ
     meets both laws at any h (Painlevé).  Where the passes have failed for `JAM_TRIALS` lengths,
     the integration restarts at t_{n−1} with a short step in which every contact may stick: if some
-    catch, q̇ jumps, and it restarts once more.  Gains ≥ 1 are events, see `problems.gain`.
+    catch, q̇ jumps, and it restarts once more.  Gains ≥ 1 are events, see `problems.stepping.gain`.
 """
 
 from __future__ import annotations
@@ -38,13 +38,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from problems.assembly import Assembly
-from problems.constraint_graph import Friction
-from problems.drift import DRIFT_TIME, DriftRule
-from problems.events import SAME_TIME, TOUCH_TOL, Arrival, Hit, SlideOff, look_ahead, touching
-from problems.friction import FrictionRule
-from problems.impulses import ImpulseRule
-from problems.multistep import (
+from problems.contacts.assembly import Assembly
+from problems.contacts.constraint_graph import Friction
+from problems.formulas.multistep import (
     REDONE,
     SHORTEST_STEP,
     STOP_TRIALS,
@@ -53,15 +49,27 @@ from problems.multistep import (
     next_length,
     redone_length,
 )
-from problems.options import StepperOptions, StopRule
+from problems.formulas.step_kernels import FAR_TOO_DEEP, fastest_body, stopping_lengths
+from problems.friction.impulses import ImpulseRule
+from problems.friction.rules import FrictionRule
 from problems.qp import Vector
-from problems.quiet import LastStep
-from problems.run import Run
 from problems.scenes import Scene
 from problems.sequence import SimulationError, SolvesQPs
-from problems.step_kernels import FAR_TOO_DEEP, fastest_body, stopping_lengths
-from problems.transitions import Transitions
-from problems.velocity import STUCK, VelocityStep
+from problems.stepping.drift import DRIFT_TIME, DriftRule
+from problems.stepping.events import (
+    SAME_TIME,
+    TOUCH_TOL,
+    Arrival,
+    Hit,
+    SlideOff,
+    look_ahead,
+    touching,
+)
+from problems.stepping.options import StepperOptions, StopRule
+from problems.stepping.quiet import LastStep
+from problems.stepping.run import Run
+from problems.stepping.transitions import Transitions
+from problems.stepping.velocity import STUCK, VelocityStep
 
 MAX_TRIES = 60
 """Trials of one step before the simulation gives up."""
@@ -99,7 +107,7 @@ def simulate(
 
     eps and until default to the scene's own; the other settings are those of `StepperOptions`.
     keep_qps : whether the run holds its QPs; without them, steps in which nothing happens are left
-        to the solver where it can take them, see `problems.quiet`
+        to the solver where it can take them, see `problems.stepping.quiet`
     progress : called with t after every accepted step, or after some at once
 
     Raises ValueError for bad settings or bodies that overlap at the start, see `Stepper.start`,

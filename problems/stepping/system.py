@@ -10,22 +10,22 @@ from math import inf
 
 import numpy as np
 
-from problems.assembly import Assembly
-from problems.bodies import mass_diagonal
-from problems.constraint_graph import ConstraintGraph, Contact, Normal
-from problems.contacts import Geometry, Pose, Shapes
-from problems.drift import closing_motion
-from problems.events import DRIFT_ALLOWED, LEAST_ALLOWED
-from problems.forces import Force
-from problems.gain import GainWatch
-from problems.multistep import SHORTEST_STEP, History
-from problems.options import StepperOptions
+from problems.bodies.bodies import mass_diagonal
+from problems.bodies.forces import Force
+from problems.contacts.assembly import Assembly
+from problems.contacts.constraint_graph import ConstraintGraph, Contact, Normal
+from problems.contacts.geometry import Geometry, Pose, Shapes
+from problems.formulas.multistep import SHORTEST_STEP, History
 from problems.qp import Vector
-from problems.quiet import Quiet
-from problems.run import Event, Run, Stretch
 from problems.scenes import Scene
 from problems.sequence import QPSequence, SimulationError, SolvesQPs
-from problems.velocity import NOTHING, VelocityEquations, VelocityStep
+from problems.stepping.drift import closing_motion
+from problems.stepping.events import DRIFT_ALLOWED, LEAST_ALLOWED
+from problems.stepping.gain import GainWatch
+from problems.stepping.options import StepperOptions
+from problems.stepping.quiet import Quiet
+from problems.stepping.run import Event, Run, Stretch
+from problems.stepping.velocity import NOTHING, VelocityEquations, VelocityStep
 
 MAX_CRAWL, CRAWLING = 20_000, 2e-8
 """So many steps that are shorter than this on average [s]: the simulation gives up."""
@@ -33,7 +33,8 @@ NO_ROWS = np.zeros(0, dtype=np.int64)
 
 
 class System:
-    """State, forces, constraint graph and records of one simulation; see `problems.stepper`.
+    """State, forces, constraint graph and records of one simulation; see
+    `problems.stepping.stepper`.
 
     varying : the forces that are not constant between their jumps
     """

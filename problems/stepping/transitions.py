@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from problems.assembly import Assembly
-from problems.constraint_graph import Friction, Normal
-from problems.contacts import Pose
-from problems.events import TOUCH_TOL, Hit, SlideOff, approach_speed, successor, touching
-from problems.impulses import solve_impulse
+from problems.contacts.assembly import Assembly
+from problems.contacts.constraint_graph import Friction, Normal
+from problems.contacts.geometry import Pose
+from problems.formulas.step_kernels import APPROACHING, OPENING, separates
+from problems.friction.impulses import solve_impulse
 from problems.qp import Vector
 from problems.sequence import SimulationError
-from problems.step_kernels import APPROACHING, OPENING, separates
-from problems.system import System
-from problems.velocity import VelocityStep
+from problems.stepping.events import TOUCH_TOL, Hit, SlideOff, approach_speed, successor, touching
+from problems.stepping.system import System
+from problems.stepping.velocity import VelocityStep
 
 OPEN_FOR = 1e-3
 """A gap that takes this long to open at `drop_tol` is one [s]; what is thrown up so fast and falls

@@ -22,28 +22,28 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from problems.assembly import Assembly, scaled_matrix
-from problems.coulomb_lcp import coulomb_multipliers
-from problems.drift import closing_motion
-from problems.friction import (
-    FrictionRule,
-    coulomb_rows,
-    spring_multipliers,
-)
-from problems.friction_kernels import (
+from problems.contacts.assembly import Assembly, scaled_matrix
+from problems.contacts.layout import Layout
+from problems.formulas.multistep import FIRST_RATE, History, asked_accuracy, iteration_error
+from problems.formulas.step_kernels import momentum, outcome, weighted_norm
+from problems.friction.coulomb_lcp import coulomb_multipliers
+from problems.friction.kernels import (
     driven_forces,
     extrapolated_multipliers,
     force_change,
     forced_signs,
 )
-from problems.friction_passes import newton_multipliers
-from problems.layout import Layout
-from problems.minimum_norm import least_norm, surely_independent
-from problems.multistep import FIRST_RATE, History, asked_accuracy, iteration_error
-from problems.peeling import peels
+from problems.friction.passes import newton_multipliers
+from problems.friction.rules import (
+    FrictionRule,
+    coulomb_rows,
+    spring_multipliers,
+)
+from problems.least_norm.minimum_norm import least_norm, surely_independent
+from problems.least_norm.peeling import peels
 from problems.qp import LARGEST, Matrix, Vector
 from problems.sequence import QPSequence
-from problems.step_kernels import momentum, outcome, weighted_norm
+from problems.stepping.drift import closing_motion
 
 MAX_PASSES = 12
 STUCK_PASSES = 60
@@ -83,8 +83,8 @@ class VelocityStep(NamedTuple):
 class VelocityEquations:
     """The system that is stepped: D with M = DᵀD, the forces f(q, q̇, t), the tolerances.
 
-    eps : ε of (3.5);  friction : see `problems.friction`
-    drift_time : τ of Baumgarte's stabilization [s], ∞ without it, see `problems.drift`
+    eps : ε of (3.5);  friction : see `problems.friction.rules`
+    drift_time : τ of Baumgarte's stabilization [s], ∞ without it, see `problems.stepping.drift`
     """
 
     D: Vector

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from harness.convergence import FINE, Converged, costs, exponents, fit
+from harness.claims.convergence import FINE, Converged, costs, exponents, fit
+from harness.claims.reference_motion import BOUNDS, DROP_TOL, LATE, REFERENCE, STOCK
+from harness.claims.stabilization import SHALLOW
 from harness.peers.ours import BOUNDED
-from harness.reference_motion import BOUNDS, DROP_TOL, LATE, REFERENCE, STOCK
-from harness.stabilization import SHALLOW
-from reports.convergence_figure import plot_convergence
-from reports.table import Table, scientific, short, whole, write_page
+from reports.claims.convergence_figure import plot_convergence
+from reports.parts.table import Table, scientific, short, whole, write_page
 
 OFF = 0.1
 """Distance of an exponent from 1 that is spoken of."""

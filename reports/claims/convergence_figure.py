@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from harness.convergence import ROUNDING, Converged
+from harness.claims.convergence import ROUNDING, Converged
+from harness.claims.reference_motion import STOCK
+from harness.claims.stabilization import SHALLOW
 from harness.peers.ours import BOUNDED
-from harness.reference_motion import STOCK
-from harness.stabilization import SHALLOW
-from reports.style import (
+from reports.parts.style import (
     BLUE,
     GREEN,
     ORANGE,

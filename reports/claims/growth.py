@@ -21,11 +21,9 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
-from harness.growth import FAR, FIT_FROM, STEP, STEPS, exponent, usable
-from harness.machine import machine_label
-from reports.findings import join
-from reports.results import METHOD
-from reports.style import (
+from harness.claims.growth import FAR, FIT_FROM, STEP, STEPS, exponent, usable
+from harness.machine.machine import machine_label
+from reports.parts.style import (
     BLUE,
     GREEN,
     INK,
@@ -40,7 +38,9 @@ from reports.style import (
     drawing,
     save,
 )
-from reports.table import Table, percent, print_tables, short, times, whole, write_page
+from reports.parts.table import Table, percent, print_tables, short, times, whole, write_page
+from reports.rows.results import METHOD
+from reports.sections.findings import join
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

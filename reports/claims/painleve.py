@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from harness.painleve import Approach, Caught, Painleve
-from harness.slide import growth
-from reports.painleve_figure import LOOSE, TIGHT, plot_painleve
-from reports.table import Table, power, scientific, short, whole, write_page
+from harness.claims.painleve import Approach, Caught, Painleve
+from harness.claims.slide import growth
+from reports.claims.painleve_figure import LOOSE, TIGHT, plot_painleve
+from reports.parts.table import Table, power, scientific, short, whole, write_page
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from harness.painleve import Approach, Caught, Painleve
-from harness.slide import growth
-from reports.style import (
+from harness.claims.painleve import Approach, Caught, Painleve
+from harness.claims.slide import growth
+from reports.parts.style import (
     BLUE,
     GREEN,
     INK,
@@ -23,7 +23,7 @@ from reports.style import (
     drawing,
     save,
 )
-from reports.table import power
+from reports.parts.table import power
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

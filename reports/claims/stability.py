@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from harness.stability import CORNERS, MeasuredRun, border, region
-from reports.style import (
+from harness.claims.stability import CORNERS, MeasuredRun, border, region
+from reports.parts.style import (
     BLUE,
     FAINT,
     GREEN,
@@ -25,7 +25,7 @@ from reports.style import (
     drawing,
     save,
 )
-from reports.table import Table, scientific, short, whole, write_page
+from reports.parts.table import Table, scientific, short, whole, write_page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

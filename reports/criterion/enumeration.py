@@ -1,6 +1,6 @@
 """Guessing the active set beside the paper's method: a table by size and what it says.
 
-Its numbers are those of `harness.enumeration_growth`.
+Its numbers are those of `harness.criterion.enumeration_growth`.
 """
 
 from __future__ import annotations
@@ -9,10 +9,10 @@ from math import inf, isfinite, nan
 
 import pandas as pd
 
-from harness.enumeration_growth import MOST_SETS, fit_base, loses_from, medians
-from harness.examination import Examination
-from reports.findings import join
-from reports.table import Table, microseconds, percent, short, times, whole
+from harness.criterion.enumeration_growth import MOST_SETS, fit_base, loses_from, medians
+from harness.criterion.examination import Examination
+from reports.parts.table import Table, microseconds, percent, short, times, whole
+from reports.sections.findings import join
 
 
 def enumeration_table(examination: Examination) -> Table:

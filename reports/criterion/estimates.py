@@ -6,7 +6,7 @@
     criterion_accuracy      ‖A δx‖/ε₀ at setting `paper`
     criterion_directions    the same by descent directions and by the age of R
 
-Their numbers are those of `harness.estimates` and `harness.accuracy`.
+Their numbers are those of `harness.criterion.estimates` and `harness.criterion.accuracy`.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from typing import Any
 
 import pandas as pd
 
-from harness.accuracy import SAFETY, SOLVERS, STARTS
-from harness.examination import Examination
-from harness.in_loop import METHOD
-from reports.findings import join
-from reports.table import Table, percent, short, whole
+from harness.criterion.accuracy import SAFETY, SOLVERS, STARTS
+from harness.criterion.examination import Examination
+from harness.motions.in_loop import METHOD
+from reports.parts.table import Table, percent, short, whole
+from reports.sections.findings import join
 
 AGES = {"1": (1, 1), "2–5": (2, 5), "6–20": (6, 20), "> 20": (21, 10**9)}
 """Classes of age of an R that is kept."""

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from harness.cost_model import cost_per_call
-from harness.criterion import Measurement, Run
-from reports.style import (
+from harness.criterion.cost_model import cost_per_call
+from harness.criterion.criterion import Measurement, Run
+from reports.parts.style import (
     BLUE,
     FAINT,
     GREEN,

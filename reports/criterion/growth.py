@@ -4,7 +4,7 @@
     criterion_premise    is (3.19) solved once per step, and what where it is not
     criterion_age        how far A and A_F R_old⁻¹ have moved at each age
 
-Their numbers are those of `harness.criterion` and `harness.drift`.
+Their numbers are those of `harness.criterion.criterion` and `harness.criterion.column_drift`.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from harness.criterion import Measurement
-from reports.criterion_sweep import ADAPTIVE, signed_percent, size
-from reports.findings import join
-from reports.table import Table, percent, short, whole
+from harness.criterion.criterion import Measurement
+from reports.criterion.intervals import ADAPTIVE, signed_percent, size
+from reports.parts.table import Table, percent, short, whole
+from reports.sections.findings import join
 
 LINEAR = 1.0
 """The paper's exponent."""

@@ -6,7 +6,7 @@
     criterion_time       the same in time
     criterion_runs       every run, for CSV
 
-Their numbers are those of `harness.criterion`.
+Their numbers are those of `harness.criterion.criterion`.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from harness.criterion import RULES, Measurement, Run
-from reports.findings import join
-from reports.table import Table, microseconds, percent, short, whole
+from harness.criterion.criterion import RULES, Measurement, Run
+from reports.parts.table import Table, microseconds, percent, short, whole
+from reports.sections.findings import join
 
 NOTABLE = 0.05
 """A regret above this is told in a note."""

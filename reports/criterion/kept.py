@@ -3,7 +3,7 @@
     criterion_kept       per recording, package and what is kept: the best interval, and both ends
     criterion_kept_runs  every interval, for CSV
 
-Their numbers are those of `harness.kept_factors`.
+Their numbers are those of `harness.criterion.kept_factors`.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from harness.kept_factors import INTERVALS, LONGEST, METHOD
-from reports.criterion_figures import plot_panels
-from reports.criterion_sweep import interval_text
-from reports.findings import join
-from reports.style import BLUE, GREEN, INK, VERMILLION
-from reports.table import Table, microseconds, percent, short, times
+from harness.criterion.kept_factors import INTERVALS, LONGEST, METHOD
+from reports.criterion.figures import plot_panels
+from reports.criterion.intervals import interval_text
+from reports.parts.style import BLUE, GREEN, INK, VERMILLION
+from reports.parts.table import Table, microseconds, percent, short, times
+from reports.sections.findings import join
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -2,7 +2,7 @@
 
     criterion_minimum_norm      cost of each way, c s^r, the predicted and the best interval, errors
 
-Its numbers are those of `harness.minimum_norm_ways`.
+Its numbers are those of `harness.criterion.minimum_norm_ways`.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from typing import Any
 
 import pandas as pd
 
-from harness.cost_model import optimal_interval
-from harness.examination import Examination
-from harness.minimum_norm_ways import LOOSE, MinimumNormWays
-from reports.findings import join
-from reports.table import Table, percent, scientific, short, whole
+from harness.criterion.cost_model import optimal_interval
+from harness.criterion.examination import Examination
+from harness.criterion.minimum_norm_ways import LOOSE, MinimumNormWays
+from reports.parts.table import Table, percent, scientific, short, whole
+from reports.sections.findings import join
 
 WRONG = 1e-6
 """An answer further than this from that of the SVD, relative to ‖λ‖, is no minimum-norm one."""

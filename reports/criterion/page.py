@@ -12,23 +12,23 @@ from pathlib import Path
 
 from rich.console import Console
 
-from harness.criterion import Measurement
-from harness.examination import Examination
-from reports.criterion_enumeration import enumeration_table
-from reports.criterion_estimates import (
+from harness.criterion.criterion import Measurement
+from harness.criterion.examination import Examination
+from reports.criterion.enumeration import enumeration_table
+from reports.criterion.estimates import (
     accuracy_table,
     directions_table,
     kept_table,
     norms_table,
     rank_table,
 )
-from reports.criterion_figures import plot_growth, plot_sweep
-from reports.criterion_growth import age_table, growth_table, premise_table
-from reports.criterion_kept import kept_factors_table, kept_runs_table, plot_kept
-from reports.criterion_minimum_norm import minimum_norm_table
-from reports.criterion_sweep import costs_table, interval_table, regret_table, runs_table
-from reports.style import draw_files
-from reports.table import Table, print_tables, write_page
+from reports.criterion.figures import plot_growth, plot_sweep
+from reports.criterion.growth import age_table, growth_table, premise_table
+from reports.criterion.intervals import costs_table, interval_table, regret_table, runs_table
+from reports.criterion.kept import kept_factors_table, kept_runs_table, plot_kept
+from reports.criterion.minimum_norm import minimum_norm_table
+from reports.parts.style import draw_files
+from reports.parts.table import Table, print_tables, write_page
 
 
 def tables_of(measured: Sequence[Measurement]) -> list[Table]:

@@ -5,8 +5,8 @@
     closed_loop_motion_SCENE     every loop: error, separation, events
     closed_loop_physics_SCENE    every loop: steps, penetration, energy, Signorini, accuracy
 
-Three figures (`reports.closed_loop_figures`); one page, closed_loop.md, which opens with what was
-found, in sentences made from the numbers (`reports.closed_loop_findings`).
+Three figures (`reports.motions.closed_loop_figures`); one page, closed_loop.md, which opens with
+what was found, in sentences made from the numbers (`reports.motions.closed_loop_findings`).
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ import pandas as pd
 from rich.console import Console
 from rich.text import Text
 
-from harness.closed_loop import Findings
-from harness.in_loop import NOISES, SLOPPY
-from harness.machine import machine_label
-from harness.motion_error import APART, MATCHED_KINDS, WINDOW
-from reports.closed_loop_figures import plot_accuracy, plot_physics, plot_separation
-from reports.closed_loop_findings import (
+from harness.machine.machine import machine_label
+from harness.motions.closed_loop import Findings
+from harness.motions.in_loop import NOISES, SLOPPY
+from harness.motions.motion_error import APART, MATCHED_KINDS, WINDOW
+from reports.motions.closed_loop_figures import plot_accuracy, plot_physics, plot_separation
+from reports.motions.closed_loop_findings import (
     AS_GOOD,
     as_large_as_eps,
     discretization,
@@ -35,8 +35,17 @@ from reports.closed_loop_findings import (
     metres,
     own_error,
 )
-from reports.style import draw_files
-from reports.table import Table, percent, print_tables, scientific, short, times, whole, write_page
+from reports.parts.style import draw_files
+from reports.parts.table import (
+    Table,
+    percent,
+    print_tables,
+    scientific,
+    short,
+    times,
+    whole,
+    write_page,
+)
 
 
 def seconds(value: Any) -> str:

@@ -9,11 +9,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from harness.closed_loop import Findings
-from harness.in_loop import SLOPPY
-from harness.motion_error import APART, pose_error
-from reports.closed_loop_findings import AS_GOOD, allowed, backends, discretization, own_error
-from reports.style import (
+from harness.motions.closed_loop import Findings
+from harness.motions.in_loop import SLOPPY
+from harness.motions.motion_error import APART, pose_error
+from reports.motions.closed_loop_findings import (
+    AS_GOOD,
+    allowed,
+    backends,
+    discretization,
+    own_error,
+)
+from reports.parts.style import (
     BLUE,
     FAINT,
     GREEN,

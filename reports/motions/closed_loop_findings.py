@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from harness.closed_loop import Findings
-from harness.in_loop import EXACT, METHOD, SLOPPY
-from harness.judge import VERIFIED_WITHIN
-from reports.findings import join
-from reports.table import percent, scientific, short, times
+from harness.judging.judge import VERIFIED_WITHIN
+from harness.motions.closed_loop import Findings
+from harness.motions.in_loop import EXACT, METHOD, SLOPPY
+from reports.parts.table import percent, scientific, short, times
+from reports.sections.findings import join
 
 AS_GOOD = 2.0
 """Times the error of ε within which a motion counts as good as that of exact QPs."""

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from reports.motion import Array, Motion, frame_times, motion_of
-from reports.style import BODIES, FAINT, INK, PAGE_WIDTH, PAPER, SOFT, drawing, save
+from reports.motions.motion import Array, Motion, frame_times, motion_of
+from reports.parts.style import BODIES, FAINT, INK, PAGE_WIDTH, PAPER, SOFT, drawing, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from problems import scene
-from problems.contacts import HalfPlane
+from problems.contacts.geometry import HalfPlane
 
 Array = NDArray[np.float64]
 

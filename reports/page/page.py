@@ -4,7 +4,7 @@
     OUT/tables/*.md, *.csv  the same tables
     OUT/figures/*.svg, *.png
 
-1. Read the results folder (`reports.results`).
+1. Read the results folder (`reports.rows.results`).
 2. Make every table that its rows allow, and write it as Markdown and CSV.
 3. Draw every figure, as SVG for the page and as PNG for elsewhere.
 4. Put the answers first, then the evidence, then where the paper's method loses, then how to get
@@ -22,35 +22,34 @@ from typing import Any
 
 import pandas as pd
 
-from reports.certificates import (
+from reports.motions.frames import plot_scene
+from reports.page.page_figures import PageFigures
+from reports.parts.style import draw_files
+from reports.parts.table import Table, write_text
+from reports.rows.comparison import compare
+from reports.rows.results import ARMS, METHOD, Results, is_method, load_results
+from reports.sections.certificates import (
     certificates_answer,
     certificates_of,
     certificates_tables,
     plot_certificates,
     references_table,
 )
-from reports.comparison import compare
-from reports.criterion import criterion_answer, criterion_tables, thresholds
-from reports.figures import plot_accuracy, plot_cost, plot_profiles
-from reports.findings import Answer, how_accurate, join, warm_start_worth, which_method
-from reports.forms import form_rows, forms_answer, forms_tables, plot_forms
-from reports.frames import plot_scene
-from reports.page_figures import PageFigures
-from reports.pareto import (
+from reports.sections.figures import plot_accuracy, plot_cost, plot_profiles
+from reports.sections.findings import Answer, how_accurate, join, warm_start_worth, which_method
+from reports.sections.forms import form_rows, forms_answer, forms_tables, plot_forms
+from reports.sections.pareto import (
     pareto_answer,
     pareto_tables,
     plot_pareto,
     sweep_rows,
     swept_scenes,
 )
-from reports.physics import physics_table
-from reports.protocol import protocol, recordings_table, reproduce, versions_table
-from reports.results import ARMS, METHOD, Results, is_method, load_results
-from reports.spread import spread_table
-from reports.starts import plot_starts, starts_answer, starts_tables
-from reports.style import draw_files
-from reports.table import Table, write_text
-from reports.tables import (
+from reports.sections.physics import physics_table
+from reports.sections.protocol import protocol, recordings_table, reproduce, versions_table
+from reports.sections.spread import spread_table
+from reports.sections.starts import plot_starts, starts_answer, starts_tables
+from reports.sections.tables import (
     accuracy_table,
     cost_table,
     losses,
@@ -59,7 +58,8 @@ from reports.tables import (
     verified_table,
     warm_table,
 )
-from reports.work import plot_work, work_rows
+from reports.sections.thresholds import criterion_answer, criterion_tables, thresholds
+from reports.sections.work import plot_work, work_rows
 
 LONG = 60
 """Characters from which the text of a cell may be broken into lines."""

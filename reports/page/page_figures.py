@@ -19,7 +19,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-from reports.style import FAINT, INK, PAPER, SOFT
+from reports.parts.style import FAINT, INK, PAPER, SOFT
 
 LARGEST_SVG = 200_000
 """A figure that is written with more bytes than this stands in the page as PNG."""

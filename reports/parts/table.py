@@ -17,8 +17,8 @@ import pandas as pd
 from rich.console import Console
 from rich.text import Text
 
-from harness.display import table as rich_table
-from harness.printable import printable
+from glambda.display import table as rich_table
+from harness.files.printable import printable
 
 Format = Callable[[Any], str]
 

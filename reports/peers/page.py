@@ -1,6 +1,6 @@
 """What `glambda peers` prints and writes: accuracy against CPU time, engine by engine.
 
-The tables of `reports.peers_tables`; one figure, error against CPU time on logarithmic axes with a
+The tables of `reports.peers.tables`; one figure, error against CPU time on logarithmic axes with a
 panel for each motion; one page, peers.md; every run as peers.csv.
 """
 
@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING
 import pandas as pd
 from rich.console import Console
 
-from harness.machine import machine_label
+from harness.machine.machine import machine_label
 from harness.peers import OURS, EngineInfo
 from harness.peers.compare import compared, frontier
-from reports.peers_tables import tables_of
-from reports.style import (
+from reports.parts.style import (
     BLUE,
     FAINT,
     GREEN,
@@ -34,7 +33,8 @@ from reports.style import (
     drawing,
     save,
 )  # fmt: skip
-from reports.table import print_tables, write_page
+from reports.parts.table import print_tables, write_page
+from reports.peers.tables import tables_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -23,7 +23,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from reports.results import ARMS, solver_order
+from reports.rows.results import ARMS, solver_order
 
 SHIFT = 1e-6
 """Shift of the geometric means [s]."""
@@ -121,7 +121,7 @@ def shifted_geometric_mean(times: ArrayLike, shift: float = SHIFT) -> float:
 def compare(rows: pd.DataFrame, scene: str, setting: str, arm: str) -> Comparison:
     """Compare all runs of one scene at one setting, cold or as in a simulation (module's list).
 
-    rows : prepared rows, see `reports.results.prepare`
+    rows : prepared rows, see `reports.rows.results.prepare`
 
     Raises ValueError for an unknown arm.  A comparison without rows is empty, not an error.
     """

@@ -24,10 +24,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from harness.facts import SETTINGS
-from harness.in_loop import METHOD
-from harness.isolate import TIME_LIMIT
-from harness.starts import ARMS
+from harness.judging.facts import SETTINGS
+from harness.motions.in_loop import METHOD
+from harness.passes.starts import ARMS
+from harness.processes.isolate import TIME_LIMIT
 
 FORMS = ("normal", "residual", "velocity")
 """Forms in which a package is posed the QP, in campaigns as `name[form]`."""
@@ -78,8 +78,9 @@ class Results:
     recordings : label → recording, in the order of the labels
     missing : sentences on what the folder does not hold
     campaigns : the rows that are set apart
-    paces : [s] of the calibration before every pass (`harness.calibration`)
-    study : what study.json says;  spent : seconds of the replay (`harness.store.read_spent`)
+    paces : [s] of the calibration before every pass (`harness.machine.calibration`)
+    study : what study.json says;  spent : seconds of the replay
+        (`harness.results.store.read_spent`)
     time_limit : [s] per solve
     """
 
@@ -225,8 +226,8 @@ def load_results(folder: str | Path) -> Results:
     Raises ValueError, saying what to run, where there is no folder or nothing in it, and passes on
     the ValueError of a damaged recording.
     """
-    from harness.recording import read_recording
-    from harness.store import (
+    from harness.recordings.recording import read_recording
+    from harness.results.store import (
         read_paces,
         read_results,
         read_spent,

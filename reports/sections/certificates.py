@@ -2,7 +2,7 @@
 
 1. `references_table`: of every recording, how many A x* are proved in exact arithmetic.
 2. `certificates_tables`, `plot_certificates`: the error bound against the true error of answers of
-   every sort, `harness.certificates`.  No solver is run for it.
+   every sort, `harness.judging.certificates`.  No solver is run for it.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from harness.certificates import ROUNDING, certificates, summary
-from harness.facts import facts_of
-from harness.record import Progress
-from harness.recording import PROOFS
-from reports.findings import Answer
-from reports.results import Results
-from reports.style import BLUE, GREEN, INK, ORANGE, PAGE_WIDTH, PURPLE, SOFT, drawing, save
-from reports.table import Table, percent, scientific, short, whole
+from harness.judging.certificates import ROUNDING, certificates, summary
+from harness.judging.facts import facts_of
+from harness.recordings.recording import PROOFS
+from harness.study.record import Progress
+from reports.parts.style import BLUE, GREEN, INK, ORANGE, PAGE_WIDTH, PURPLE, SOFT, drawing, save
+from reports.parts.table import Table, percent, scientific, short, whole
+from reports.rows.results import Results
+from reports.sections.findings import Answer
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,7 +35,7 @@ STYLES = ("-", "--", ":")
 
 
 def certificates_of(results: Results, progress: Progress | None = None) -> pd.DataFrame:
-    """`harness.certificates` of all recordings that are stored; seconds, not minutes."""
+    """`harness.judging.certificates` of all recordings that are stored; seconds, not minutes."""
     found = [
         certificates(recording, at_most=AT_MOST, progress=progress)
         for recording in results.recordings.values()

@@ -4,7 +4,8 @@ Every figure is drawn from stored results alone and written without a date, so t
 give the same bytes.  Panels stand side by side, one per scene, with one line per backend, so that
 backends are told apart by their label and never by a colour; colours tell cold from warm.
 
-Pictures of the bodies themselves are in `reports.frames`, work along a motion in `reports.work`.
+Pictures of the bodies themselves are in `reports.motions.frames`, work along a motion in
+`reports.sections.work`.
 """
 
 from __future__ import annotations
@@ -16,11 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from reports.comparison import compare
-from reports.frames import animate_scene, plot_scene
-from reports.profiles import profile, scene_ratios
-from reports.results import ARMS, METHOD, Results, is_method
-from reports.style import (
+from reports.motions.frames import animate_scene, plot_scene
+from reports.parts.style import (
     BLUE,
     COLD,
     FAINT,
@@ -36,6 +34,9 @@ from reports.style import (
     drawing,
     save,
 )
+from reports.rows.comparison import compare
+from reports.rows.results import ARMS, METHOD, Results, is_method
+from reports.sections.profiles import profile, scene_ratios
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

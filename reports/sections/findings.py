@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from reports.comparison import compare, pool, summarise
-from reports.results import ARMS, METHOD, Results, is_method, solver_order
-from reports.table import microseconds, percent, scientific, short
-from reports.tables import SLOWER, warm_pairs, warm_row
+from reports.parts.table import microseconds, percent, scientific, short
+from reports.rows.comparison import compare, pool, summarise
+from reports.rows.results import ARMS, METHOD, Results, is_method, solver_order
+from reports.sections.tables import SLOWER, warm_pairs, warm_row
 
 
 @dataclass(frozen=True)

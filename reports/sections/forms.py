@@ -18,12 +18,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from harness.facts import RANK_COLUMNS, RANK_TOL
+from harness.judging.facts import RANK_COLUMNS, RANK_TOL
 from problems.qp import ContactQP
-from reports.findings import Answer, join
-from reports.results import FORMS, Results, form_of, in_order
-from reports.style import BLUE, GREEN, INK, PAGE_WIDTH, SOFT, VERMILLION, drawing, save
-from reports.table import Table, microseconds, percent, scientific, short, times, whole
+from reports.parts.style import BLUE, GREEN, INK, PAGE_WIDTH, SOFT, VERMILLION, drawing, save
+from reports.parts.table import Table, microseconds, percent, scientific, short, times, whole
+from reports.rows.results import FORMS, Results, form_of, in_order
+from reports.sections.findings import Answer, join
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

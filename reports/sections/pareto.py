@@ -19,9 +19,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from reports.comparison import shifted_geometric_mean
-from reports.findings import Answer, join
-from reports.results import (
+from reports.parts.style import FAINT, INK, PAGE_WIDTH, PAPER, SOFT, VERMILLION, drawing, save
+from reports.parts.table import Table, microseconds, percent, scientific, short
+from reports.rows.comparison import shifted_geometric_mean
+from reports.rows.results import (
     ARMS,
     METHOD,
     Results,
@@ -31,8 +32,7 @@ from reports.results import (
     is_number,
     solver_order,
 )
-from reports.style import FAINT, INK, PAGE_WIDTH, PAPER, SOFT, VERMILLION, drawing, save
-from reports.table import Table, microseconds, percent, scientific, short
+from reports.sections.findings import Answer, join
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,12 +1,13 @@
-"""What each backend's answers are worth as physics (`harness.physics`), from the stored rows."""
+"""What each backend's answers are worth as physics (`harness.judging.physics`), from the stored
+rows."""
 
 from __future__ import annotations
 
 import numpy as np
 import pandas as pd
 
-from reports.results import Results, solver_order
-from reports.table import Table, scientific, whole
+from reports.parts.table import Table, scientific, whole
+from reports.rows.results import Results, solver_order
 
 WORST = {
     "approach": "approach [m/s]",

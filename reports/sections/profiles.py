@@ -18,8 +18,8 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from reports.comparison import Comparison, compare, pool
-from reports.results import Results, solver_order
+from reports.rows.comparison import Comparison, compare, pool
+from reports.rows.results import Results, solver_order
 
 CLOCK = 1e-9
 """Least time that a clock tells apart from none [s]."""

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from harness.isolate import TIME_LIMIT
-from problems.options import StepperOptions
-from reports.comparison import SHIFT, SKIP_LIMIT
-from reports.results import ARMS, Results, in_order, solver_order
-from reports.table import Table, percent, scientific, short, whole
+from harness.processes.isolate import TIME_LIMIT
+from problems.stepping.options import StepperOptions
+from reports.parts.table import Table, percent, scientific, short, whole
+from reports.rows.comparison import SHIFT, SKIP_LIMIT
+from reports.rows.results import ARMS, Results, in_order, solver_order
 
 RUN_OPTIONS = (
     *("eps", "until", "fixed_step", "stops", "friction", "impulses"),
@@ -30,8 +30,8 @@ SLOW_PASS = 1.1
 
 def protocol(results: Results) -> list[tuple[str, str]]:
     """Terms and what they mean, with the constants that were used."""
-    from harness.facts import ASKED_RELATIVE
-    from harness.judge import VERIFIED_WITHIN, WRONG_BEYOND
+    from harness.judging.facts import ASKED_RELATIVE
+    from harness.judging.judge import VERIFIED_WITHIN, WRONG_BEYOND
 
     relative = " and ".join(f"{name} {value:g}" for name, value in ASKED_RELATIVE.items())
     said = [
@@ -87,7 +87,7 @@ def _machine(results: Results) -> list[tuple[str, str]]:
 
 def _references(results: Results) -> str:
     """On what the references rest."""
-    from harness.display import proofs
+    from glambda.display import proofs
 
     known = [each for recording in results.recordings.values() for each in recording.references]
     return f"A x* of the recorded data: {proofs(known)}." if known else ""

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from reports.comparison import Comparison, compare
-from reports.intervals import SURE, geometric_mean
-from reports.results import ARMS, Results
-from reports.table import Table, microseconds, percent, times, whole
+from reports.parts.intervals import SURE, geometric_mean
+from reports.parts.table import Table, microseconds, percent, times, whole
+from reports.rows.comparison import Comparison, compare
+from reports.rows.results import ARMS, Results
 
 QUARTILES = {"lower quartile": 0.25, "median": 0.5, "upper quartile": 0.75}
 

@@ -1,10 +1,10 @@
-"""What the quality of a start is worth: the arms beside cold and warm (`harness.starts`).
+"""What the quality of a start is worth: the arms beside cold and warm (`harness.passes.starts`).
 
 Each arm is compared with the same solver's cold solves of the same QPs: those that the arm started,
 that do not follow a restart, and that are verified both ways.
 
 1. ratio: geometric mean of time(arm)/time(cold), the times being the least over the passes, with an
-   interval from resampling stretches of QPs (`reports.intervals`).
+   interval from resampling stretches of QPs (`reports.parts.intervals`).
 2. worse: the least time of the arm exceeds that of cold by more than the spread, the larger of the
    two distances from the least time to the median; better likewise.  Of QPs that cost the same a
    few per cent are called worse, and as many better, by chance; with one pass there is no spread,
@@ -26,11 +26,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from reports.findings import Answer, join
-from reports.intervals import SURE, geometric_mean
-from reports.results import ARMS, METHOD, Results, in_order, solver_order
-from reports.style import COLD, INK, PAGE_WIDTH, SOFT, WARM, drawing, save
-from reports.table import Table, microseconds, percent, short, times, whole
+from reports.parts.intervals import SURE, geometric_mean
+from reports.parts.style import COLD, INK, PAGE_WIDTH, SOFT, WARM, drawing, save
+from reports.parts.table import Table, microseconds, percent, short, times, whole
+from reports.rows.results import ARMS, METHOD, Results, in_order, solver_order
+from reports.sections.findings import Answer, join
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,8 +1,8 @@
 """The tables of a study: scenes, accuracy, cost, and what a warm start is worth.
 
 All are made from stored rows and recordings alone.  Which runs are compared, on which QPs and by
-what mean is the business of `reports.comparison`; the table on the criterion for refactorization is
-in `reports.criterion`.
+what mean is the business of `reports.rows.comparison`; the table on the criterion for
+refactorization is in `reports.sections.thresholds`.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from harness.facts import UNKNOWN, rank_of
-from reports.comparison import SHIFT, Comparison, compare, shifted_geometric_mean
-from reports.intervals import SURE, geometric_mean
-from reports.results import ARMS, METHOD, Results, is_method, solver_order
-from reports.table import Format, Table, microseconds, percent, scientific, times, whole
+from harness.judging.facts import UNKNOWN, rank_of
+from reports.parts.intervals import SURE, geometric_mean
+from reports.parts.table import Format, Table, microseconds, percent, scientific, times, whole
+from reports.rows.comparison import SHIFT, Comparison, compare, shifted_geometric_mean
+from reports.rows.results import ARMS, METHOD, Results, is_method, solver_order
 
 SUFFIXES = ("_cold", "_warm")
 

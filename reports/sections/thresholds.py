@@ -1,10 +1,10 @@
 """When to refactorize: the paper's criterion (§3.2) against what was counted and what was timed.
 
 C_QR, the cost of a factorization, and C_IT, that of a conjugate gradient iteration, are counted
-from the sizes of the recorded QPs (`harness.cost_model`).  Beside them stands what the paper's
-method did when it was started warm: how often it factorized, how many iterations it took, how many
-operations that cost.  Whether the criterion is worth its trouble is then a matter of comparing with
-its variants, in operations, and with all backends, in time.
+from the sizes of the recorded QPs (`harness.criterion.cost_model`).  Beside them stands what the
+paper's method did when it was started warm: how often it factorized, how many iterations it took,
+how many operations that cost.  Whether the criterion is worth its trouble is then a matter of
+comparing with its variants, in operations, and with all backends, in time.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from reports.findings import Answer, join
-from reports.results import METHOD, Results, is_method, solver_order
-from reports.table import Table, microseconds, percent, short, times, whole
+from reports.parts.table import Table, microseconds, percent, short, times, whole
+from reports.rows.results import METHOD, Results, is_method, solver_order
+from reports.sections.findings import Answer, join
 
 OLD_R = f"{METHOD}[old_r]"
 SLOW = 100.0
@@ -25,7 +25,7 @@ SLOW = 100.0
 
 def thresholds(results: Results) -> dict[str, float]:
     """√(2 C_QR/C_IT) of every recorded scene that has a factorization at all."""
-    from harness.cost_model import criterion_of
+    from harness.criterion.cost_model import criterion_of
 
     found = {scene: criterion_of(recording) for scene, recording in results.recordings.items()}
     return {scene: counted.threshold for scene, counted in found.items() if counted.calls}
@@ -95,7 +95,7 @@ def model_table(results: Results, scenes: list[str]) -> Table:
 
 
 def _model_row(results: Results, scene: str) -> dict[str, Any]:
-    from harness.cost_model import criterion_of, optimal_interval
+    from harness.criterion.cost_model import criterion_of, optimal_interval
 
     rows = sequence_rows(results, scene)
     own = rows[rows["solver"] == keeper(results)]

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from reports.results import METHOD, Results
-from reports.style import BLUE, GREEN, INK, PAGE_WIDTH, VERMILLION, drawing, save
+from reports.parts.style import BLUE, GREEN, INK, PAGE_WIDTH, VERMILLION, drawing, save
+from reports.rows.results import METHOD, Results
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

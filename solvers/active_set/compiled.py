@@ -1,4 +1,5 @@
-"""How the method's kernels are compiled: as those of `problems.compiled`, which they may call.
+"""How the method's kernels are compiled: as those of `problems.kernels.compiled`, which they may
+call.
 
 The first call on a machine compiles for up to two minutes, and says so.
 """
@@ -10,12 +11,15 @@ from typing import Any
 
 import numba
 
-from problems import compiled, qp, qp_kernel
+from problems import qp_kernel
+from problems.kernels import compiled
+from problems.kernels.sources import defining, sources
 
-SOURCES = [
-    *sorted(Path(__file__).parent.rglob("*.py")),
-    *(Path(str(module.__file__)) for module in (compiled, qp, qp_kernel)),
-]
+MARKS = "\n@kernel\n", "\n@function\n"
+SOURCES = sources(
+    (file for mark in MARKS for file in defining(Path(__file__).parent, mark)),
+    ["problems", "solvers"],
+)
 """Files whose functions or constants are compiled into the method's kernels."""
 
 kernel = compiled.kernel_decorator(SOURCES)

@@ -74,9 +74,9 @@ from solvers.active_set.loop import (
     algorithm_2,
     solve,
 )
-from solvers.active_set.sparse_loop import TODAYS_A, sparse_algorithm_2
-from solvers.active_set.sparse_pattern import is_narrow, make_pattern
-from solvers.active_set.sparse_workspace import SparseWorkspace, make_sparse_workspace
+from solvers.active_set.sparse.loop import TODAYS_A, sparse_algorithm_2
+from solvers.active_set.sparse.pattern import is_narrow, make_pattern
+from solvers.active_set.sparse.workspace import SparseWorkspace, make_sparse_workspace
 from solvers.active_set.workspace import (
     AGE,
     BEFORE,

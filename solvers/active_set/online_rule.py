@@ -27,8 +27,9 @@ on: where m never falls, A falls up to N* and never again, and N* is optimal amo
    one QP longer than the best, where A is flat.
 2. Any cost that all QPs share raises m and A alike and cancels: C_0 need not be known.
 3. For m_s = c C_IT s^r, m_s = A_s is c C_IT s^r = C_QR/s + c C_IT s^r/(r + 1), so
-   s^{r+1} = (r + 1)/r · C_QR/(c C_IT): the paper's optimum (`harness.cost_model`) for every c and
-   r, none of which is an input here.  For m constant, the paper's r = 0, it never fires.
+   s^{r+1} = (r + 1)/r · C_QR/(c C_IT): the paper's optimum (`harness.criterion.cost_model`) for
+   every c and r, none of which is an input here.  For m constant, the paper's r = 0, it never
+   fires.
 4. A QP that needs several descent directions costs more because its working set changed and not
    because R is old.  So m is taken per direction.
 5. Where m is not monotone (single hard QPs), the rule fires early, and what it can lose by that is

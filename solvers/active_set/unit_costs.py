@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from problems.qp import ContactQP
 from solvers.active_set.flops import cg_iteration_flops, qr_flops
 from solvers.active_set.method import CROSSOVER
-from solvers.active_set.sparse_cholesky import cholesky
-from solvers.active_set.sparse_direction import FIRST_SHIFT, iteration_flops
-from solvers.active_set.sparse_loop import lay_out
-from solvers.active_set.sparse_pattern import Pattern, is_narrow
-from solvers.active_set.sparse_workspace import IN_L, SparseWorkspace, make_sparse_workspace
+from solvers.active_set.sparse.cholesky import cholesky
+from solvers.active_set.sparse.direction import FIRST_SHIFT, iteration_flops
+from solvers.active_set.sparse.loop import lay_out
+from solvers.active_set.sparse.pattern import Pattern, is_narrow
+from solvers.active_set.sparse.workspace import IN_L, SparseWorkspace, make_sparse_workspace
 from solvers.active_set.workspace import FACTORIZATION_FLOPS, REALS
 
 

@@ -6,7 +6,7 @@
 
 CVXPY turns the sum of squares into y = A x + d by itself.  The problem is written anew for each QP;
 so its `solve` compiles it each time, which is most of what is timed, and starts cold.  The data are
-scaled and without fixed rows as for all packages (`solvers.adapters.forms`).
+scaled and without fixed rows as for all packages (`solvers.adapters.posed`).
 
 Accuracy: the options of the inner solver, from the residual and the gap that `asked` allows
 (`inner_options`); y holds all of d here, whose rounding limits it.
@@ -22,8 +22,8 @@ import cvxpy as cp
 import numpy as np
 
 from problems.qp import Status
-from solvers.adapters.forms import Built, Native, Outcome, PackageSolver, Posed
 from solvers.adapters.inner_options import check_variant, inner_options
+from solvers.adapters.posed import Built, Native, Outcome, PackageSolver, Posed
 from solvers.base import Form, Start
 
 _VARIANTS = ("osqp", "clarabel", "scs", "piqp", "proxqp", "daqp", "highs")

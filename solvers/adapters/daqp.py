@@ -26,8 +26,8 @@ import daqp
 import numpy as np
 
 from problems.qp import AT_LOWER, AT_UPPER, ContactQP, Status
-from solvers.adapters.forms import Built, Native, Outcome
 from solvers.adapters.inner_options import last_step
+from solvers.adapters.posed import Built, Native, Outcome
 from solvers.adapters.programs import Program, ProgramSolver
 from solvers.base import Start
 

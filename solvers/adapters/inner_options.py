@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from solvers.adapters.forms import Posed
+from solvers.adapters.posed import Posed
 
 NEVER = 1e-14
 """OSQP's and ProxQP's bound for certificates of infeasibility: no QP here is infeasible."""

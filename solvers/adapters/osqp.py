@@ -20,8 +20,8 @@ from typing import Any, ClassVar
 import osqp
 
 from problems.qp import Status
-from solvers.adapters.forms import Built, Native, Outcome, same_pattern
 from solvers.adapters.inner_options import NEVER
+from solvers.adapters.posed import Built, Native, Outcome, same_pattern
 from solvers.adapters.programs import Program, ProgramSolver
 from solvers.base import Start
 

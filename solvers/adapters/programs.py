@@ -32,8 +32,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from problems.qp import AT_LOWER, AT_UPPER, FREE, ContactQP, Vector
-from solvers.adapters.forms import Built, Native, Outcome, PackageSolver, Posed
 from solvers.adapters.inner_options import check_variant
+from solvers.adapters.posed import Built, Native, Outcome, PackageSolver, Posed
 from solvers.base import Start
 
 Members = NDArray[np.int8]

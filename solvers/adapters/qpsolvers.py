@@ -4,7 +4,7 @@
 
 with P = AᵀA, q = Aᵀd.  It sets the inner solver up for each QP.  `solve_problem` is the same call
 with a status.  The data are scaled and without fixed rows as for all packages
-(`solvers.adapters.forms`).
+(`solvers.adapters.posed`).
 
 Accuracy: the options of the inner solver, from the residual and the gap that `asked` allows
 (`inner_options`).  quadprog has none and refuses a singular P.
@@ -20,8 +20,8 @@ import numpy as np
 import qpsolvers
 
 from problems.qp import Status
-from solvers.adapters.forms import Built, Native, Outcome, PackageSolver, Posed
 from solvers.adapters.inner_options import check_variant, inner_options
+from solvers.adapters.posed import Built, Native, Outcome, PackageSolver, Posed
 from solvers.base import Start
 
 _VARIANTS = ("proxqp", "clarabel", "osqp", "scs", "piqp", "daqp", "highs", "quadprog")

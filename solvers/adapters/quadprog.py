@@ -27,7 +27,7 @@ import numpy as np
 import quadprog
 
 from problems.qp import Status
-from solvers.adapters.forms import Built, Native, Outcome, PackageSolver, Posed
+from solvers.adapters.posed import Built, Native, Outcome, PackageSolver, Posed
 from solvers.adapters.programs import one_sided
 from solvers.base import Form, Start
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from problems.qp import Status
-from solvers.adapters.forms import Built, Native, Outcome, PackageSolver, Posed
+from solvers.adapters.posed import Built, Native, Outcome, PackageSolver, Posed
 from solvers.base import Form, Start
 
 

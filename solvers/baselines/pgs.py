@@ -23,7 +23,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from problems.qp import Status
-from solvers.adapters.forms import Built, Native, Outcome, PackageSolver, Posed
+from solvers.adapters.posed import Built, Native, Outcome, PackageSolver, Posed
 from solvers.base import Start
 
 

@@ -33,7 +33,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from problems.qp import Status, Vector
-from solvers.adapters.forms import Built, Native, Outcome, PackageSolver, Posed
+from solvers.adapters.posed import Built, Native, Outcome, PackageSolver, Posed
 from solvers.base import Form, Start
 
 _ROUNDING = 16 * float(np.finfo(float).eps)

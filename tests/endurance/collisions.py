@@ -1,7 +1,7 @@
 """Redundant collisions by the thousand: each must settle, and obey both laws.
 
-    python benchmarks/collisions.py                  1,000 collisions, each perturbed 5 times
-    python benchmarks/collisions.py --first 40 --count 10 --perturbed 1
+    python -m tests.endurance.collisions                  1,000 collisions, each perturbed 5 times
+    python -m tests.endurance.collisions --first 40 --count 10 --perturbed 1
 
 A collision is a pile, boxes on boxes in a tower, a wall, a pyramid or a corner, or a heap, whose
 bodies are given velocities all at once: random ones, whole numbers, or the same for all, so that
@@ -38,16 +38,16 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-import problems.newton_coulomb as newton_coulomb
-from harness.threads import ask_for_one_thread
+import problems.friction.newton_coulomb as newton_coulomb
+from harness.machine.threads import ask_for_one_thread
 from problems import Scene, scene, simulate
-from problems.assembly import Assembly
-from problems.bodies import box
-from problems.contacts import HalfPlane
-from problems.impulses import solve_impulse
-from problems.options import StepperOptions
+from problems.bodies.bodies import box
+from problems.contacts.assembly import Assembly
+from problems.contacts.geometry import HalfPlane
+from problems.friction.impulses import solve_impulse
 from problems.sequence import QPSequence, SimulationError
-from problems.stepper import Stepper
+from problems.stepping.options import StepperOptions
+from problems.stepping.stepper import Stepper
 from solvers import make_solver
 
 TOLERANCE = 1e-8

@@ -1,12 +1,12 @@
 """Is `glambda compare` right? Studies of the same code, and of code with a change planted in it.
 
-    python benchmarks/compare.py                     eight studies of two scenes, some minutes
-    python benchmarks/compare.py --studies 3 --until 0.5
+    python -m tests.endurance.compare                     eight studies of two scenes, some minutes
+    python -m tests.endurance.compare --studies 3 --until 0.5
 
 1. The scenes are recorded once.  Studies are made of them one after the other, the same solvers
    each time, in processes of their own as ever.
 2. Among them is one with DAQP waiting busily, a fifth longer for each QP, and one with the paper's
-   method counting 5 % more work (`benchmarks/planted.py`).
+   method counting 5 % more work (`tests/endurance/planted.py`).
 3. All pairs of studies of the same code are compared: nothing should have changed.  Each of them is
    compared with the two others: what was planted should be found, and nobody else blamed.
 
@@ -25,17 +25,17 @@ from pathlib import Path
 
 import pandas as pd
 
-from harness.changes import Changes, compare_results
-from harness.machine import solver_version
-from harness.replay import replay
-from harness.study import record_into
+from harness.machine.machine import solver_version
+from harness.results.changes import Changes, compare_results
+from harness.study.replay import replay
+from harness.study.study import record_into
 from solvers import registry
 
 SCENES = ("fig3", "fig4")
 SOLVERS = ("lotstedt", "daqp", "quadprog", "piqp", "proxqp", "scipy_bvls")
 PLANTED = {
-    "daqp": "benchmarks.planted:SlowDAQP",
-    "lotstedt": "benchmarks.planted:BusyLotstedt",
+    "daqp": "tests.endurance.planted:SlowDAQP",
+    "lotstedt": "tests.endurance.planted:BusyLotstedt",
 }
 
 

@@ -1,13 +1,14 @@
 """Everything that a backend may do to a study, in one study: crime, verdict, and what the row says.
 
-    python benchmarks/crimes.py
+    python -m tests.endurance.crimes
 
-The criminals are in `tests/crimes.py`: each answers rightly but for one QP.  Columns of the table:
+The criminals are in `tests/fakes/crimes.py`: each answers rightly but for one QP.  Columns of the
+table:
 
     verdict    of the row of the crime
     says       its status_text, cut short
     clock      whose time counts: the solver's own, or ours around the whole call
-    expected   whether verdict and text are those that `tests/crimes.py` expects
+    expected   whether verdict and text are those that `tests/fakes/crimes.py` expects
     others     verified answers among the other QPs of the same solver
 
 Exit code 1 if a crime is not caught, or if the honest solver beside them is not verified
@@ -18,11 +19,9 @@ from __future__ import annotations
 
 import re
 import sys
-from pathlib import Path
 
 import pandas as pd
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 TIME_LIMIT = 0.3
 """[s]; a solve is killed after 4 s."""
 CUT = 76
@@ -33,8 +32,8 @@ def main() -> int:
     """Run the study and print the table."""
     from harness import replay
     from solvers.registry import register
-    from tests.crimes import CRIMES, MEMORY_LIMIT, targets
-    from tests.fake_recordings import fake_recording
+    from tests.fakes.crimes import CRIMES, MEMORY_LIMIT, targets
+    from tests.fakes.fake_recordings import fake_recording
 
     for name, target in targets().items():
         register(name, target)

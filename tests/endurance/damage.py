@@ -1,4 +1,4 @@
-"""What an accident does to bytes, drawn from a seed (`benchmarks/fuzz.py`)."""
+"""What an accident does to bytes, drawn from a seed (`tests/endurance/fuzz.py`)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 Random = np.random.Generator
 SORTS = ("damaged", "forged", "hostile")
-"""What is done to a file, see `benchmarks/fuzz.py`; file i is of sort i modulo 3."""
+"""What is done to a file, see `tests/endurance/fuzz.py`; file i is of sort i modulo 3."""
 
 
 def damage(rng: Random, content: bytes) -> tuple[str, bytes]:

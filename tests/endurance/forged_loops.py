@@ -1,4 +1,5 @@
-"""Damaged and forged files of closed loops, drawn by number (`benchmarks/fuzz.py` and its test)."""
+"""Damaged and forged files of closed loops, drawn by number (`tests/endurance/fuzz.py` and its
+test)."""
 
 from __future__ import annotations
 
@@ -12,14 +13,14 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from benchmarks.damage import SORTS, Random, damage
-from harness.loop import Loop, LoopResult
-from harness.loop_store import load_loop, loop_path, write_loop
-from harness.motion_error import Motion
-from harness.seal import SEAL, UNSEALED, sealed
-from harness.sealed_parquet import METADATA
-from harness.store import StoreError
-from problems.run import Event
+from harness.files.seal import SEAL, UNSEALED, sealed
+from harness.files.sealed_parquet import METADATA
+from harness.motions.loop import Loop, LoopResult
+from harness.motions.loop_store import load_loop, loop_path, write_loop
+from harness.motions.motion_error import Motion
+from harness.results.store import StoreError
+from problems.stepping.run import Event
+from tests.endurance.damage import SORTS, Random, damage
 
 LOOP = Loop("fake", "lotstedt", "paper", 1e-3, 1e-3, 2e-3, until=1.0, time_limit=60.0)
 

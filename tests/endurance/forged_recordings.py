@@ -1,4 +1,4 @@
-"""Damaged and forged recordings, drawn by number (`benchmarks/fuzz.py` and its test)."""
+"""Damaged and forged recordings, drawn by number (`tests/endurance/fuzz.py` and its test)."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Any
 import h5py
 import numpy as np
 
-from benchmarks.damage import SORTS, Random, damage
-from harness import recording as recordings
-from harness.recording import RecordingError, read_recording, write_recording
-from harness.recording_file import HEADER
-from harness.recording_layout import FIELDS
-from harness.seal import BLOCK, sealed
-from tests.fake_recordings import fake_recording
+from harness.files.seal import BLOCK, sealed
+from harness.recordings import recording as recordings
+from harness.recordings.file import HEADER
+from harness.recordings.layout import FIELDS
+from harness.recordings.recording import RecordingError, read_recording, write_recording
+from tests.endurance.damage import SORTS, Random, damage
+from tests.fakes.fake_recordings import fake_recording
 
 
 class RecordingTarget:

@@ -1,4 +1,5 @@
-"""Damaged and forged shards of results, drawn by number (`benchmarks/fuzz.py` and its test)."""
+"""Damaged and forged shards of results, drawn by number (`tests/endurance/fuzz.py` and its
+test)."""
 
 from __future__ import annotations
 
@@ -13,10 +14,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from benchmarks.damage import SORTS, Random, damage
-from harness.seal import SEAL, UNSEALED, sealed
-from harness.sealed_parquet import METADATA
-from harness.shard_file import (
+from harness.files.seal import SEAL, UNSEALED, sealed
+from harness.files.sealed_parquet import METADATA
+from harness.results.shard_file import (
     COLUMNS,
     FROM_PASSES,
     TIMES,
@@ -26,6 +26,7 @@ from harness.shard_file import (
     read_shard,
     shard_bytes,
 )
+from tests.endurance.damage import SORTS, Random, damage
 
 
 class ShardTarget:

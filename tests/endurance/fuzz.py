@@ -1,8 +1,8 @@
 """Recordings and results from strangers: thousands of damaged and forged files, read in turn.
 
-    python benchmarks/fuzz.py                      3,000 of each kind, some minutes
-    python benchmarks/fuzz.py --files 200          fewer
-    python benchmarks/fuzz.py --kind shard --from 1234 --files 1      one of them again
+    python -m tests.endurance.fuzz                      3,000 of each kind, some minutes
+    python -m tests.endurance.fuzz --files 200          fewer
+    python -m tests.endurance.fuzz --kind shard --from 1234 --files 1      one of them again
 
 1. A small recording, a shard of results and a closed loop are made.
 2. File number i is a change of it that is drawn from the seed i:
@@ -35,11 +35,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 KINDS = {
-    "recording": ("benchmarks.forged_recordings", "RecordingTarget"),
-    "shard": ("benchmarks.forged_shards", "ShardTarget"),
-    "loop": ("benchmarks.forged_loops", "LoopTarget"),
+    "recording": ("tests.endurance.forged_recordings", "RecordingTarget"),
+    "shard": ("tests.endurance.forged_shards", "ShardTarget"),
+    "loop": ("tests.endurance.forged_loops", "LoopTarget"),
 }
 """What keeps a sound file at `path`: `change(i)` puts the i-th change of it there, and says of what
 sort it is and what it is; `read()` reads it, and says whether it holds what the sound file held."""

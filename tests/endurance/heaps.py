@@ -1,8 +1,8 @@
 """Random polygons dropped in a heap, a thousand times: does every simulation end, and end well?
 
-    python benchmarks/heaps.py                           1,000 scenes, on all cores
-    python benchmarks/heaps.py --count 50 --seed 7 --workers 1
-    python benchmarks/heaps.py --reproduce heaps/17.json       one that failed, again
+    python -m tests.endurance.heaps                           1,000 scenes, on all cores
+    python -m tests.endurance.heaps --count 50 --seed 7 --workers 1
+    python -m tests.endurance.heaps --reproduce heaps/17.json       one that failed, again
 
 Scene number i of a seed is a `rain` of 5 to 30 polygons whose size, spread, gaps, columns, walls,
 speeds and end time (1 to 2 s) are drawn; every other one has friction, μ between 0.1 and 0.8, and
@@ -40,8 +40,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from harness.motions.run_physics import overlap
 from harness.progress import shown
-from harness.run_physics import overlap
 from problems import Run, scene, simulate
 from solvers import make_solver
 

@@ -1,7 +1,7 @@
 """kill -9 in the middle of a study, again and again: does every one that goes on end the same?
 
-    python benchmarks/kill.py                after every store operation, and at 220 random moments
-    python benchmarks/kill.py --random 5 --isolated 1 --operations 10          a few of each
+    python -m tests.endurance.kill          after every store operation, at 220 random moments
+    python -m tests.endurance.kill --random 5 --isolated 1 --operations 10    a few of each
 
 1. A tiny study, a scene of few QPs through a few solvers, is done without interruption.
 2. The same is begun in an empty folder and killed: after its n-th operation on a file (open, write,
@@ -33,10 +33,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from harness import folder_lock, whole_files
-from harness.replay import replay
-from harness.store import Store, read_repeats, read_results
-from harness.study import record_into
+from harness.files import folder_lock, whole_files
+from harness.results.store import Store, read_repeats, read_results
+from harness.study.replay import replay
+from harness.study.study import record_into
 
 SCENE, UNTIL = "tower,bodies=3", 0.05
 SOLVERS = ("lotstedt", "daqp", "quadprog")
@@ -49,7 +49,7 @@ PATIENCE = 120.0
 
 
 def study(folder: Path, isolate: bool) -> None:
-    """A study as `harness.study` does it, but tiny."""
+    """A study as `harness.study.study` does it, but tiny."""
     store = Store(folder)
     store.write_study({"scene": SCENE, "until": UNTIL})
     recording = record_into(folder / "recordings", SCENE, until=UNTIL)

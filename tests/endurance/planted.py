@@ -1,4 +1,4 @@
-"""Solvers with a change planted in them, for `benchmarks/compare.py`.
+"""Solvers with a change planted in them, for `tests/endurance/compare.py`.
 
 They are imported by every process that runs one.
 """

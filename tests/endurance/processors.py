@@ -1,8 +1,8 @@
 """The same scenes as other types of processor would round them: how far apart are the motions?
 
-    python benchmarks/processors.py                    the paper's scenes, seven environments
-    python benchmarks/processors.py --scenes fig4      one of them
-    python benchmarks/processors.py --run another -m pytest -m rounding     any module, as one
+    python -m tests.endurance.processors                    the paper's scenes, seven environments
+    python -m tests.endurance.processors --scenes fig4      one of them
+    python -m tests.endurance.processors --run another -m pytest -m rounding     any module, as one
 
 On one type of processor, with the same versions, the same command gives the same recording bit for
 bit.  On another one BLAS, NumPy and the compiled kernels sum in another order.  Each environment
@@ -15,7 +15,7 @@ here is a process of its own, told by variables of these libraries to do as on a
 Columns of the table, against the first environment:
 
     recording   "same" if the content of the recordings is the same, bit for bit
-    apart       largest error of a pose [m] (`harness.motion_error`) over the whole motion
+    apart       largest error of a pose [m] (`harness.motions.motion_error`) over the whole motion
     at impact   the same up to the first impact
     events      those that restart the integration: in both, and in one of the two only
     time        largest difference in time of a pair of events [s]
@@ -37,10 +37,10 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from harness.motion_error import Motion, match_events, pose_error
-from harness.record import recording_of
-from harness.recording import Recording, read_recording, write_recording
-from harness.threads import ask_for_one_thread
+from harness.machine.threads import ask_for_one_thread
+from harness.motions.motion_error import Motion, match_events, pose_error
+from harness.recordings.recording import Recording, read_recording, write_recording
+from harness.study.record import recording_of
 from problems import scene, simulate
 from solvers import make_solver
 

@@ -1,4 +1,4 @@
-"""Damaged and forged files are refused in one line or read (`benchmarks/fuzz.py`)."""
+"""Damaged and forged files are refused in one line or read (`tests/endurance/fuzz.py`)."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import fuzz
-from benchmarks.damage import SORTS
+from tests.endurance import fuzz
+from tests.endurance.damage import SORTS
 
 FILES = 240
 

@@ -6,16 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks import heaps
-from benchmarks.heaps import Case, case, energy_rise, examined, load, run_case, save
-from harness.record import recording_of
-from harness.run_physics import overlap
+from harness.motions.run_physics import overlap
+from harness.study.record import recording_of
 from problems import scene, simulate
-from problems.bodies import polygon_body
+from problems.bodies.bodies import polygon_body
 from problems.scenes import Scene
-from reports.frames import window_of
-from reports.motion import motion_of
+from reports.motions.frames import window_of
+from reports.motions.motion import motion_of
 from solvers import make_solver
+from tests.endurance import heaps
+from tests.endurance.heaps import Case, case, energy_rise, examined, load, run_case, save
 
 
 def lotstedt():

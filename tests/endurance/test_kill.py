@@ -1,4 +1,4 @@
-"""Studies that are killed go on to the same end; `benchmarks/kill.py` does it at length."""
+"""Studies that are killed go on to the same end; `tests/endurance/kill.py` does it at length."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 IN_PLACE = """
 import sys
-from benchmarks import kill
-import harness.store, harness.recording
+from tests.endurance import kill
+import harness.results.store, harness.recordings.recording
 
 def write_in_place(path, content):
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -19,7 +19,7 @@ def write_in_place(path, content):
         file.write(content)
 
 kill.whole_files.open = open
-harness.store.write_whole = harness.recording.write_whole = write_in_place
+harness.results.store.write_whole = harness.recordings.recording.write_whole = write_in_place
 sys.exit(kill.main(["--operations=3", "--seed=2", "--random=0", "--isolated=0"]))
 """
 
@@ -31,7 +31,7 @@ def benchmark(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_a_killed_study_goes_on_to_the_same_end() -> None:
-    run = benchmark("-m", "benchmarks.kill", "--operations=2", "--random=1", "--isolated=0")
+    run = benchmark("-m", "tests.endurance.kill", "--operations=2", "--random=1", "--isolated=0")
     assert run.returncode == 0, run.stdout + run.stderr
     assert "| all" in run.stdout
 

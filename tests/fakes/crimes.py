@@ -22,7 +22,7 @@ import numpy as np
 if TYPE_CHECKING:
     import pandas as pd
 
-from harness.forkserver import DONE
+from harness.processes.forkserver import DONE
 from problems.qp import ContactQP, Solution, Status, Timing, WorkCounts
 from solvers.active_set.method import Lotstedt
 from solvers.base import Answer, Solver, Unsupported

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tests.crooked import Right
+from tests.fakes.crooked import Right
 
 STANDSTILL = 2.5
 """How long the process that replays is stopped [s]."""
@@ -75,7 +75,7 @@ class DiesUnborn(Right):
     def __post_init__(self) -> None:
         super().__post_init__()
         with open("/proc/self/cmdline", "rb") as file:
-            if b"harness.forkserver" in file.read():
+            if b"harness.processes.forkserver" in file.read():
                 os._exit(3)
 
 

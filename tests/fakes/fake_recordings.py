@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from harness.recording import PROOFS, Recording, Reference
+from harness.recordings.recording import PROOFS, Recording, Reference
 from problems.qp import ContactQP, Solution, Status, WorkCounts, working_set_of
-from problems.run import Event
-from tests.random_qps import contact_sequence, random_qp
+from problems.stepping.run import Event
+from tests.fakes.random_qps import contact_sequence, random_qp
 
 ODD_KINDS = ("bilateral", "sparse_columns", "rank_deficient", "empty", "fixed_rows")
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from problems.qp import ContactQP, Vector
-from tests.random_qps import INF, from_solution
+from tests.fakes.random_qps import INF, from_solution
 
 Posed = tuple[ContactQP, Vector]
 """A QP and one of its answers, right to rounding."""

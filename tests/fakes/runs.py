@@ -7,12 +7,12 @@ from functools import cache
 
 import numpy as np
 
-from harness.record import recording_of
-from harness.recording import Recording
+from harness.recordings.recording import Recording
+from harness.study.record import recording_of
 from problems import Run, scene, simulate
-from problems.bodies import box
-from problems.contacts import HalfPlane
-from problems.forces import SpringDamper
+from problems.bodies.bodies import box
+from problems.bodies.forces import SpringDamper
+from problems.contacts.geometry import HalfPlane
 from problems.scenes import Scene
 from solvers import make_solver
 

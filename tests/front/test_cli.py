@@ -21,17 +21,17 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from harness import expected_misses, study, verify
-from harness.cli import app
-from harness.cli.app import told
-from harness.expected_misses import Expected
-from harness.recording import read_recording, write_recording
-from harness.store import read_results
+from glambda.cli import app
+from glambda.cli.app import told
+from harness.recordings.recording import read_recording, write_recording
+from harness.results.store import read_results
+from harness.study.expected_misses import Expected
+from harness.study.study import expected_misses, study, verify
 from solvers import make_solver, registry
-from tests.crooked import CROOKED
-from tests.fake_recordings import fake_recording
+from tests.fakes.crooked import CROOKED
+from tests.fakes.fake_recordings import fake_recording
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 KEPT = "; what was finished is kept"
 CONTINUES = f"{KEPT}: the same command continues"
 FAST = "lotstedt,scipy_bvls"
@@ -64,7 +64,7 @@ def assert_told(result: Any, *words: str) -> None:
 def test_help_loads_nothing_heavy() -> None:
     heavy = ("numpy", "scipy", "pandas", "h5py", "matplotlib", "numba")
     code = (
-        "import sys\nfrom harness.cli import main\n"
+        "import sys\nfrom glambda.cli import main\n"
         "try:\n    main()\nexcept SystemExit:\n    pass\n"
         f"print('loaded:', [name for name in {heavy} if name in sys.modules])"
     )
@@ -334,7 +334,7 @@ def test_ctrl_c_promises_what_is_true(
     def interrupt(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(importlib.import_module("harness.record"), "simulate", interrupt)
+    monkeypatch.setattr(importlib.import_module("harness.study.record"), "simulate", interrupt)
     monkeypatch.chdir(tmp_path)
     result = glambda(command, *(() if command == "record" else ("--quick",)))
     assert result.exit_code == 130
@@ -382,7 +382,7 @@ def test_verify_passes_and_fails(fig3: Path, monkeypatch: pytest.MonkeyPatch) ->
 @pytest.fixture(scope="module")
 def right_rows(fig3: Path) -> pd.DataFrame:
     """Rows that are all verified, as of a backend that is expected to miss some."""
-    from harness.replay import replay as replay_all
+    from harness.study.replay import replay as replay_all
 
     rows = replay_all([fig3], ["lotstedt"], ["high"], repeats=1)
     return rows.assign(solver="osqp", kind="step")
@@ -444,7 +444,7 @@ def test_study_end_to_end_and_resumed(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_one_miss_in_thousands_does_not_round_to_all() -> None:
-    from harness.display import _share
+    from glambda.display import _share
 
     assert _share(2642, 2643) == "99.9%" and _share(1, 2643) == "0.1%"
     assert _share(2643, 2643) == "100%" and _share(0, 7) == "0%" and _share(0, 0) == "–"
@@ -473,11 +473,11 @@ def test_study_will_not_mix_two_recordings_of_a_scene(
 def test_interrupted_study_keeps_what_is_finished(tmp_path: Path, sent: signal.Signals) -> None:
     """Ctrl-C, as a terminal sends it, or the end of a batch job, in the middle of a study."""
     code = (
-        "import sys, dataclasses, harness.study as s\n"
+        "import sys, dataclasses, harness.study.study as s\n"
         "s.QUICK = dataclasses.replace(s.QUICK, scenes=('fig3',), until=3.0, repeats=400)\n"
         "sys.argv = ['glambda', 'study', '--quick', '--solvers', 'scipy_bvls,lotstedt',\n"
         f"            '--results', {str(tmp_path)!r}]\n"
-        "from harness.cli import main\nmain()\n"
+        "from glambda.cli import main\nmain()\n"
     )
     run = subprocess.Popen(
         [sys.executable, "-c", code],

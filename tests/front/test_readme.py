@@ -20,13 +20,13 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from harness.cli import app
-from harness.recording import write_recording
+from glambda.cli import app
+from harness.recordings.recording import write_recording
 from problems.scenes import registry as scenes
 from solvers import registry as solvers
-from tests.fake_recordings import fake_recording
+from tests.fakes.fake_recordings import fake_recording
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
 
 SHORT = {
@@ -54,18 +54,18 @@ SHORT = {
 }
 """What runs instead of a command, or "+" and what is added to it, so that it takes seconds."""
 SMALLER = {
-    "harness.convergence.SWEEP": (1e-2, 1e-3, 1e-4),
-    "harness.reference_motion.REFERENCE": 1e-4,
-    "harness.stability.STEPS": 20,
-    "harness.stability.points_to_check": lambda: [(1, 0.0, 1.0), (2, 0.1, 1.0)],
-    "harness.criterion.SWEEP": (1, 5, float("inf")),
-    "harness.criterion.ENOUGH": 1e-3,
-    "harness.unit_times.ROUNDS": 2,
-    "harness.kept_factors.INTERVALS": (1, 5),
-    "harness.painleve.STEPS": (1e-4, 1e-5, 1e-6),
-    "harness.painleve.GAINS": (-0.4, 0.9, 1.2),
-    "harness.painleve.APPROACHES": (2.0, 3.0),
-    "harness.painleve.TOLERANCES": (1e-3, 1e-4),
+    "harness.claims.convergence.SWEEP": (1e-2, 1e-3, 1e-4),
+    "harness.claims.reference_motion.REFERENCE": 1e-4,
+    "harness.claims.stability.STEPS": 20,
+    "harness.claims.stability.points_to_check": lambda: [(1, 0.0, 1.0), (2, 0.1, 1.0)],
+    "harness.criterion.criterion.SWEEP": (1, 5, float("inf")),
+    "harness.criterion.criterion.ENOUGH": 1e-3,
+    "harness.criterion.unit_times.ROUNDS": 2,
+    "harness.criterion.kept_factors.INTERVALS": (1, 5),
+    "harness.claims.painleve.STEPS": (1e-4, 1e-5, 1e-6),
+    "harness.claims.painleve.GAINS": (-0.4, 0.9, 1.2),
+    "harness.claims.painleve.APPROACHES": (2.0, 3.0),
+    "harness.claims.painleve.TOLERANCES": (1e-3, 1e-4),
 }
 """Campaigns without options for it are made shorter by these constants."""
 
@@ -222,7 +222,7 @@ def test_every_file_and_script_that_is_named_is_there() -> None:
     named = set(re.findall(r"\]\(([^)#:]+)\)", README))
     named |= set(re.findall(r"`((?:benchmarks|\.ci|reports|tests)/[\w./]*)`", README))
     named |= set(re.findall(r"`([A-Z]+\.(?:md|cff))`", README))
-    assert {"reports/published", "benchmarks/kill.py"} <= named
+    assert {"reports/published", "tests/endurance/kill.py"} <= named
     for name in named:
         assert (ROOT / name).exists(), name
 

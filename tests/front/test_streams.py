@@ -14,17 +14,17 @@ from rich.table import Table
 from rich.text import Text
 from typer.testing import CliRunner
 
-from harness.cli import app
-from harness.printable import printable
-from harness.recording import write_recording
-from harness.shard_file import Shard
-from harness.store import Store
-from harness.terminal import Terminal
-from problems.run import Event
-from tests.fake_recordings import fake_recording
-from tests.test_store import KEY, TIMES, shard
+from glambda.cli import app
+from glambda.terminal import Terminal
+from harness.files.printable import printable
+from harness.recordings.recording import write_recording
+from harness.results.shard_file import Shard
+from harness.results.store import Store
+from problems.stepping.run import Event
+from tests.fakes.fake_recordings import fake_recording
+from tests.harness.results.test_store import KEY, TIMES, shard
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 STRANGE = "\x1b]0;title\x07\x1b[31mred\x1b[2J\r\x9b1m\u202eabc\u2028"
 OBEYED = ("\x1b", "\x07", "\r", "\x9b", "\u202e", "\u2028")
 
@@ -51,7 +51,7 @@ def test_a_terminal_obeys_nothing_that_it_is_told(capsys: pytest.CaptureFixture[
 @pytest.mark.parametrize("solver", ["highs", "cvxpy[highs]"])
 def test_what_a_package_prints_does_not_reach_stdout(solver: str) -> None:
     """HiGHS greets every process that uses it, whoever brings it along."""
-    main = "import sys; from harness.cli import main; sys.argv[0] = 'glambda'; main()"
+    main = "import sys; from glambda.cli import main; sys.argv[0] = 'glambda'; main()"
     command = [sys.executable, "-c", main, "simulate", "fig3", "--solver", solver]
     done = subprocess.run([*command, "--until", "0.01"], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -92,7 +92,7 @@ def test_info_of_a_strangers_files_is_printable(tmp_path: Path) -> None:
 
 MUCH = """
 import pathlib, sys
-from harness.cli.streams import guard_streams
+from glambda.cli.streams import guard_streams
 guard_streams()
 for _ in range(100_000):
     print("a line that nobody reads")
@@ -120,7 +120,7 @@ def test_a_reader_that_leaves_costs_no_file(tmp_path: Path) -> None:
 
 
 def test_simulate_writes_its_files_when_nobody_reads_its_words(tmp_path: Path) -> None:
-    main = "from harness.cli import main; main()"
+    main = "from glambda.cli import main; main()"
     command = ("simulate", "fig3", "--until", 0.01, "--trajectory", tmp_path / "f.csv")
     assert unread(sys.executable, "-c", main, *command) == 0
     assert (tmp_path / "f.csv").stat().st_size and (tmp_path / "f.events.csv").exists()

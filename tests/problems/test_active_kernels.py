@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from problems.active_kernels import Contacts, qp_columns, without
+from problems.contacts.active_kernels import Contacts, qp_columns, without
 
 
 def some_contacts(seed: int) -> Contacts:

@@ -5,9 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from problems.arena import PER_ENTRY, Arena, integers, numbers, table, zeros
-from problems.contact_kernels import column_speeds, column_sum, gather_columns, place_corners
-from problems.independence import SAFE_FRACTION, far_from_dependent
+from problems.contacts.geometry_kernels import (
+    column_speeds,
+    column_sum,
+    gather_columns,
+    place_corners,
+)
+from problems.kernels.arena import PER_ENTRY, Arena, integers, numbers, table, zeros
+from problems.least_norm.independence import SAFE_FRACTION, far_from_dependent
 
 
 def test_arrays_of_an_arena_lie_one_behind_the_other() -> None:

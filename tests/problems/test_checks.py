@@ -9,11 +9,11 @@ from math import inf, nan
 import pytest
 
 from problems import simulate
-from problems.bodies import Body, box
-from problems.contacts import HalfPlane
-from problems.forces import Impulse, Load, SpringDamper
+from problems.bodies.bodies import Body, box
+from problems.bodies.forces import Impulse, Load, SpringDamper
+from problems.contacts.geometry import HalfPlane
 from solvers import make_solver
-from tests.runs import one_box
+from tests.fakes.runs import one_box
 
 PUSH = (1.0, 0.0, 0.0)
 

@@ -11,7 +11,7 @@ KERNELS = """
 import os, sys
 from pathlib import Path
 import numpy as np
-from problems.compiled import kernel_decorator
+from problems.kernels.compiled import kernel_decorator
 
 kernel = kernel_decorator([Path(__file__)])
 

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from problems.bodies import GROUND, box, polygon_body
-from problems.contact_kernels import (
+from problems.bodies.bodies import GROUND, box, polygon_body
+from problems.bodies.shapes import cross, rotate_quarter
+from problems.contacts.geometry import Geometry, HalfPlane
+from problems.contacts.geometry_kernels import (
     clearances,
     column_speeds,
     column_sum,
@@ -17,9 +19,7 @@ from problems.contact_kernels import (
     place_corners,
     sparse_columns,
 )
-from problems.contacts import Geometry, HalfPlane
-from problems.multistep import Path
-from problems.shapes import cross, rotate_quarter
+from problems.formulas.multistep import Path
 
 BODIES = (box(1.0, 1.0), polygon_body([(0, 0), (2, 0), (1, 1.5)]), box(0.5, 2.0))
 EXACT = {"rtol": 1e-13, "atol": 1e-13}

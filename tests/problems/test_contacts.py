@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from problems.assembly import Assembly
-from problems.bodies import GROUND, box, polygon_body
-from problems.constraint_graph import ConstraintGraph
-from problems.contacts import Geometry, HalfPlane
+from problems.bodies.bodies import GROUND, box, polygon_body
+from problems.contacts.assembly import Assembly
+from problems.contacts.constraint_graph import ConstraintGraph
+from problems.contacts.geometry import Geometry, HalfPlane
 
 TWO = (box(1.0, 1.0), polygon_body([(0, 0), (2, 0), (1, 1.5)]))
 

@@ -10,14 +10,15 @@ import scipy.sparse as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.collisions import LAWS, TOLERANCE, collision, solved
-from benchmarks.heaps import case
-from problems import newton_coulomb, scene, simulate
-from problems.assembly import Assembly
-from problems.coulomb_lcp import coulomb_multipliers, lemke
-from problems.options import StepperOptions
-from problems.stepper import Stepper
+from problems import scene, simulate
+from problems.contacts.assembly import Assembly
+from problems.friction.coulomb_lcp import coulomb_multipliers, lemke
+from problems.friction.rules import newton_coulomb
+from problems.stepping.options import StepperOptions
+from problems.stepping.stepper import Stepper
 from solvers import make_solver
+from tests.endurance.collisions import LAWS, TOLERANCE, collision, solved
+from tests.endurance.heaps import case
 
 
 @settings(max_examples=100)
@@ -97,7 +98,7 @@ def test_large_sparse_columns_are_taken_too(monkeypatch):
     d = stepper.D * np.tile([0.3, -1.0, 0.0], 30)
     answers = []
     for most in (0, 10**9):
-        monkeypatch.setattr("problems.assembly.DENSE_ENTRIES", most)
+        monkeypatch.setattr("problems.contacts.assembly.DENSE_ENTRIES", most)
         hit = Assembly(stepper.graph, stepper.q)
         assert sp.issparse(hit.scaled(np.arange(1), np.arange(0), stepper.D)) == (most == 0)
         answers.append(coulomb_multipliers(hit, stepper.D, d))

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from problems.bodies import box, polygon_body
-from problems.constraint_graph import ConstraintGraph
-from problems.contacts import Geometry, HalfPlane
-from problems.dips import dips
-from problems.events import look_ahead
-from problems.multistep import Path
+from problems.bodies.bodies import box, polygon_body
+from problems.contacts.constraint_graph import ConstraintGraph
+from problems.contacts.dips import dips
+from problems.contacts.geometry import Geometry, HalfPlane
+from problems.formulas.multistep import Path
+from problems.stepping.events import look_ahead
 
 THORN = polygon_body([(0.0, 0.0), (1.0, -0.1), (1.0, 0.1)])
 """A sharp tip at the left end, 2/3 to the left of the centre of gravity."""

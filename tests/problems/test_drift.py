@@ -7,11 +7,11 @@ import pytest
 import scipy.sparse as sp
 
 from problems import scene, simulate
-from problems.bodies import polygon_body
-from problems.contacts import HalfPlane
-from problems.drift import correction
+from problems.bodies.bodies import polygon_body
+from problems.contacts.geometry import HalfPlane
 from problems.scenes import Scene
 from problems.sequence import SimulationError
+from problems.stepping.drift import correction
 from solvers import make_solver
 
 SCENES = [("fig2", 0.7), ("fig4", 0.6), ("fig5", 0.8)]
@@ -61,7 +61,7 @@ def test_the_motion_stays_within_the_error_of_a_step(name, until):
 
 def test_baumgarte_gaps_decay_in_its_time():
     """A box that drift has laid 0.01 mm too high on the ground sinks as exp(−t/τ)."""
-    from problems.stepper import Stepper, StepperOptions
+    from problems.stepping.stepper import Stepper, StepperOptions
 
     tau = 0.05
     options = StepperOptions(
@@ -81,7 +81,7 @@ def test_baumgarte_gaps_decay_in_its_time():
 
 def test_a_gap_that_baumgarte_closes_is_no_wrong_answer():
     """0.3 mm at τ = 0.01 close at 0.03 m/s; it is looked at anew when the contacts change."""
-    from problems.stepper import Stepper, StepperOptions
+    from problems.stepping.stepper import Stepper, StepperOptions
 
     options = StepperOptions(1e-3, 1e-3, rest_speed=1e-9, drift="baumgarte", drift_time=0.01)
     made = scene("fig2", boxes=1, velocity=0.0, pushed=1)

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from problems import describe_scene, scene, scene_names, simulate
-from problems.bodies import box, polygon_body
-from problems.contacts import Geometry
-from problems.deposition import TRIALS, heap_positions
-from problems.events import TOUCH_TOL
+from problems.bodies.bodies import box, polygon_body
+from problems.contacts.geometry import Geometry
+from problems.scenes.deposition import TRIALS, heap_positions
 from problems.scenes.registry import FAMILIES, PAPER
-from problems.stepper import Stepper, StepperOptions
+from problems.stepping.events import TOUCH_TOL
+from problems.stepping.stepper import Stepper, StepperOptions
 from solvers import make_solver
 
 NAMES = tuple(FAMILIES)

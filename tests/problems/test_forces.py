@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from problems.forces import Gravity, Load, SpringDamper
+from problems.bodies.forces import Gravity, Load, SpringDamper
 
 
 def force_of(force, q, v, t=0.0):

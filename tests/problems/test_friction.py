@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from problems import scene, simulate
-from problems.assembly import Assembly
-from problems.friction_kernels import force_change
-from problems.friction_passes import newton_multipliers
+from problems.contacts.assembly import Assembly
+from problems.friction.kernels import force_change
+from problems.friction.passes import newton_multipliers
 from problems.scenes import Scene
-from problems.stepper import Stepper, StepperOptions
-from problems.velocity import STUCK, VelocityEquations
+from problems.stepping.stepper import Stepper, StepperOptions
+from problems.stepping.velocity import STUCK, VelocityEquations
 from solvers import make_solver
-from tests.runs import leaning_box, one_box, scene_run
+from tests.fakes.runs import leaning_box, one_box, scene_run
 
 
 def run_of(scene: Scene, **options):
@@ -30,8 +30,8 @@ def test_a_sliding_box_stops_where_coulomb_says():
 
 @pytest.mark.parametrize("slope", [0.2, 0.35])
 def test_a_box_on_a_slope_sticks_or_slides_by_mu(slope):
-    from problems.bodies import box
-    from problems.contacts import HalfPlane
+    from problems.bodies.bodies import box
+    from problems.contacts.geometry import HalfPlane
 
     c, s = np.cos(slope), np.sin(slope)
     scene = Scene(
@@ -207,7 +207,7 @@ def test_the_jump_of_a_jam_does_not_depend_on_the_length_of_its_step(monkeypatch
     """A catch is an impact: λ grows as 1/h, and the jump in q̇ has a limit."""
     jumps = []
     for length in (1e-6, 1e-7, 1e-8):
-        monkeypatch.setattr("problems.stepper.JAM_STEP", length)
+        monkeypatch.setattr("problems.stepping.stepper.JAM_STEP", length)
         run = run_of(scene("painleve"), until=1e-4)
         jam = next(event for event in run.event_log if event.kind == "jam")
         after = np.searchsorted(run.t, jam.t)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from problems.contact_kernels import column_product, columns_product, dense_columns
-from problems.friction_kernels import (
+from problems.contacts.geometry_kernels import column_product, columns_product, dense_columns
+from problems.friction.kernels import (
     RIDGE,
     extrapolated_multipliers,
     newton_move,
@@ -49,7 +49,7 @@ def matrices(normals, tangents, mass):
 
 
 def numpy_move(normals, tangents, mass, friction_of, mu, sigma, inside, free, gamma):
-    """y by the formula of `problems.friction_passes`, for the free normals."""
+    """y by the formula of `problems.friction.passes`, for the free normals."""
     A_N, A_F = matrices(normals, tangents, mass)
     E = np.eye(free.size)[:, free]
     members = (friction_of[None, :] == np.arange(mu.size)[:, None]).astype(float)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from problems import simulate
-from problems.forces import Impulse
+from problems.bodies.forces import Impulse
 from solvers import make_solver
-from tests.runs import one_box, scene_run
+from tests.fakes.runs import one_box, scene_run
 
 
 def impulses_of(run):

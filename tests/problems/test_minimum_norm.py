@@ -5,10 +5,11 @@ import pytest
 import scipy.sparse as sp
 from scipy.optimize import minimize
 
-from problems import compiled_least_norm, scene, simulate
-from problems.arena import Arena
-from problems.independence import far_from_dependent
-from problems.minimum_norm import (
+from problems import scene, simulate
+from problems.kernels.arena import Arena
+from problems.least_norm import compiled as compiled_least_norm
+from problems.least_norm.independence import far_from_dependent
+from problems.least_norm.minimum_norm import (
     IndependenceProof,
     least_distance_point,
     least_distance_qp,
@@ -17,11 +18,11 @@ from problems.minimum_norm import (
     run_least_norm,
     surely_independent,
 )
+from problems.least_norm.sparse_minimum_norm import ridge
 from problems.qp import ContactQP
 from problems.sequence import QPSequence
-from problems.sparse_minimum_norm import ridge
 from solvers import make_solver
-from solvers.active_set.sparse_pattern import is_narrow
+from solvers.active_set.sparse.pattern import is_narrow
 
 
 def sequence():
@@ -190,7 +191,7 @@ def test_a_least_norm_that_changes_the_force_is_not_taken():
 
 @pytest.fixture
 def always_sparse(monkeypatch):
-    monkeypatch.setattr("problems.minimum_norm.MANY_COLUMNS", 0)
+    monkeypatch.setattr("problems.least_norm.minimum_norm.MANY_COLUMNS", 0)
 
 
 def two_tables(rng, mu):
@@ -325,7 +326,7 @@ def test_a_proof_of_independence_lasts_while_little_moves(monkeypatch):
     A = sp.csc_array(np.linalg.qr(rng.normal(size=(8, 5)))[0])
     asked = []
     monkeypatch.setattr(
-        "problems.minimum_norm.surely_independent",
+        "problems.least_norm.minimum_norm.surely_independent",
         lambda A, multiple=1.0: asked.append(multiple) or surely_independent(A, multiple),
     )
     proof = IndependenceProof()

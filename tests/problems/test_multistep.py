@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from problems.multistep import History, first_order_step
+from problems.formulas.multistep import History, first_order_step
 
 
 def history_of(v, a, times):

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from problems import Scene, scene, simulate
-from problems.assembly import Assembly
-from problems.bodies import box, polygon_body
-from problems.impulses import solve_impulse
+from problems.bodies.bodies import box, polygon_body
+from problems.contacts.assembly import Assembly
+from problems.friction.impulses import solve_impulse
 from problems.sequence import SolvesQPs
-from problems.stepper import Stepper, StepperOptions
+from problems.stepping.stepper import Stepper, StepperOptions
 from solvers import make_solver
 
 MU_I = 0.4
@@ -119,7 +119,7 @@ def test_coulomb_s_law_holds_where_a_contact_bears_no_load_at_first(
         laws.extend(impulse[N:][slides] + np.sign(slip[slides]) * bound[slides])
         return v, impulse
 
-    monkeypatch.setattr("problems.transitions.solve_impulse", watched)
+    monkeypatch.setattr("problems.stepping.transitions.solve_impulse", watched)
     simulate(plates, make_solver("lotstedt"), impulses="newton_coulomb", keep_qps=keep)
     assert len(laws) >= 3
     np.testing.assert_allclose(laws, 0.0, atol=1e-8)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-import problems.transitions as transitions
-from harness.run_physics import overlap
+import problems.stepping.transitions as transitions
+from harness.motions.run_physics import overlap
 from problems import Scene, simulate
-from problems.bodies import box, polygon_body
-from problems.contacts import Geometry
+from problems.bodies.bodies import box, polygon_body
+from problems.contacts.geometry import Geometry
 from solvers import make_solver
 
 

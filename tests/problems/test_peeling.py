@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from problems import scene, simulate
-from problems.assembly import scaled_matrix
-from problems.peeling import peels
+from problems.contacts.assembly import scaled_matrix
+from problems.least_norm.peeling import peels
 from problems.qp import Indices, Vector
 from solvers import make_solver
 

@@ -7,13 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from problems import Scene, minimum_norm, newton_coulomb, quiet, scene, simulate
-from problems.bodies import box, polygon_body
-from problems.contacts import HalfPlane
-from problems.forces import Load
-from problems.quiet_records import TAKEN
-from problems.shapes import box_corners
-from problems.stepper import Stepper, StepperOptions
+from problems import Scene, scene, simulate
+from problems.bodies.bodies import box, polygon_body
+from problems.bodies.forces import Load
+from problems.bodies.shapes import box_corners
+from problems.contacts.geometry import HalfPlane
+from problems.friction.rules import newton_coulomb
+from problems.least_norm import minimum_norm
+from problems.stepping import quiet
+from problems.stepping.quiet_records import TAKEN
+from problems.stepping.stepper import Stepper, StepperOptions
 from solvers import make_solver
 
 SAME = 1e-10
@@ -80,7 +83,7 @@ def test_quiet_steps_obey_the_options(name, parameters, until, options):
 
 @pytest.mark.parametrize(("name", "until"), [("fig2", 0.7), ("fig4", 1.5), ("fig5", 2.0)])
 def test_most_steps_are_left_to_the_solver(name, until, monkeypatch):
-    import problems.stepper as stepper
+    import problems.stepping.stepper as stepper
 
     alone = []
     advance = stepper.Stepper._try_velocity
@@ -133,7 +136,7 @@ def test_redundant_contacts_that_all_slide_share_their_load():
     [("fig2", ["drop"] * 2), ("fig5", ["drop", "stick_to_slip", "stick_to_slip"])],
 )
 def test_contacts_leave_and_slip_within_compiled_steps(name, kinds, monkeypatch):
-    from problems.stepper import Stepper
+    from problems.stepping.stepper import Stepper
 
     inside, follow = [], Stepper._after_quiet_steps
 
@@ -154,7 +157,7 @@ def test_contacts_leave_and_slip_within_compiled_steps(name, kinds, monkeypatch)
 
 @pytest.mark.parametrize(("name", "until"), [("fig2", 0.9), ("fig4", 0.5), ("fig5", 0.5)])
 def test_steps_of_several_calls_are_those_of_one(name, until, monkeypatch):
-    import problems.quiet as quiet
+    import problems.stepping.quiet as quiet
 
     runs = []
     for most in (quiet.MOST, 2, 1):
@@ -213,7 +216,7 @@ def test_a_solver_without_compiled_steps_goes_step_by_step():
 def test_a_load_that_begins_is_obeyed():
     from dataclasses import replace
 
-    from problems.forces import Load
+    from problems.bodies.forces import Load
 
     pushed = replace(scene("fig2"), forces=(Load(4, (1.5, 0.0, 0.0), 0.1, 0.2),))
     kept, left = (

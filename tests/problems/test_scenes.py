@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from problems import describe_scene, scene, scene_names
-from problems.bodies import box
+from problems.bodies.bodies import box
 from problems.scenes import Scene
 
 

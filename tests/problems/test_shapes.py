@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from problems.bodies import box, mass_diagonal, polygon_body
-from problems.shapes import box_corners, convex_polygon, polygon_area, polygon_second_moment
+from problems.bodies.bodies import box, mass_diagonal, polygon_body
+from problems.bodies.shapes import box_corners, convex_polygon, polygon_area, polygon_second_moment
 
 HEXAGON = [(-0.75, -1.5), (0.75, -1.5), (1.75, 0), (0.75, 1.5), (-0.75, 1.5), (-1.75, 0)]
 

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from problems.bodies import GROUND, box, polygon_body
-from problems.contact_kernels import dense_columns, gather_columns
-from problems.contacts import Geometry, HalfPlane
-from problems.friction_kernels import driven_forces, forced_signs, friction_bounds
-from problems.step_kernels import (
+from problems.bodies.bodies import GROUND, box, polygon_body
+from problems.contacts.geometry import Geometry, HalfPlane
+from problems.contacts.geometry_kernels import dense_columns, gather_columns
+from problems.formulas.step_kernels import (
     END_SLACK,
     arrive,
     beyond_edge,
@@ -21,6 +20,7 @@ from problems.step_kernels import (
     ways,
     weighted_norm,
 )
+from problems.friction.kernels import driven_forces, forced_signs, friction_bounds
 
 EXACT = {"rtol": 1e-12, "atol": 1e-12}
 

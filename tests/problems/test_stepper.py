@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from problems import scene, simulate
-from problems.bodies import box, polygon_body
-from problems.events import TOUCH_TOL
-from problems.forces import Impulse, Load
+from problems.bodies.bodies import box, polygon_body
+from problems.bodies.forces import Impulse, Load
 from problems.qp import Solution, Status
-from problems.run import EVENT_KINDS
 from problems.scenes import Scene
 from problems.sequence import SimulationError
-from problems.stepper import Stepper
+from problems.stepping.events import TOUCH_TOL
+from problems.stepping.run import EVENT_KINDS
+from problems.stepping.stepper import Stepper
 from solvers import make_solver
-from tests.runs import leaning_box, one_box, scene_run
+from tests.fakes.runs import leaning_box, one_box, scene_run
 
 SCENES = ("fig2", "fig3", "fig4", "fig5")
 
@@ -541,7 +541,7 @@ def test_everything_that_was_posed_is_kept():
 
 
 def test_the_kinds_of_event_that_are_listed_are_those_that_are_logged():
-    sources = Path(__file__).parents[1].joinpath("problems").glob("*.py")
+    sources = Path(__file__).parents[2].joinpath("problems").glob("*.py")
     logged = (re.findall(r'_log\(\s*"(\w+)"', source.read_text("utf-8")) for source in sources)
     assert {kind for kinds in logged for kind in kinds} == set(EVENT_KINDS)
     assert {event.kind for event in scene_run("fig4").event_log} <= set(EVENT_KINDS)

@@ -9,9 +9,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.starts import EVERY_ARM
-from harness.stretch import stretched
-from reports.forms import (
+from harness.passes.starts import EVERY_ARM
+from harness.study.stretch import stretched
+from reports.parts.intervals import geometric_mean
+from reports.rows.results import Results, form_of, in_order, prepare, set_apart
+from reports.sections.forms import (
     condition_of,
     conditions,
     form_rows,
@@ -19,8 +21,7 @@ from reports.forms import (
     forms_tables,
     plot_forms,
 )
-from reports.intervals import geometric_mean
-from reports.pareto import (
+from reports.sections.pareto import (
     ALL,
     fastest_for,
     pareto_answer,
@@ -29,13 +30,12 @@ from reports.pareto import (
     plot_pareto,
     sweep_rows,
 )
-from reports.protocol import record_command
-from reports.results import Results, form_of, in_order, prepare, set_apart
-from reports.starts import ORDER, plot_starts, start_pairs, starts_answer, starts_tables
+from reports.sections.protocol import record_command
+from reports.sections.starts import ORDER, plot_starts, start_pairs, starts_answer, starts_tables
 from solvers.registry import form_variants, solver_class
-from tests.random_qps import random_qp
-from tests.runs import scene_recording
-from tests.test_reports import make_rows
+from tests.fakes.random_qps import random_qp
+from tests.fakes.runs import scene_recording
+from tests.reports.test_reports import make_rows
 
 
 def results_of(rows: pd.DataFrame, recordings: Any = None) -> Results:

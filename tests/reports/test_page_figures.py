@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from reports import page_figures
-from reports.page_figures import COLOURS, PageFigures
-from reports.style import BLUE, DPI, INK, PAPER, drawing, save
+from reports.page.page import page_figures
+from reports.page.page_figures import COLOURS, PageFigures
+from reports.parts.style import BLUE, DPI, INK, PAPER, drawing, save
 
 Drawn = tuple[str, str, list[float]]
 

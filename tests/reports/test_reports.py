@@ -11,26 +11,25 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.isolate import TIME_LIMIT
-from harness.recording import Recording
-from problems.contacts import HalfPlane
+from harness.processes.isolate import TIME_LIMIT
+from harness.recordings.recording import Recording
+from problems.contacts.geometry import HalfPlane
 from problems.qp import FREE, ContactQP, Solution, Status
-from problems.run import Event
-from reports.comparison import compare, shifted_geometric_mean
-from reports.criterion import criterion_answer, criterion_tables, thresholds
-from reports.figures import plot_accuracy, plot_cost, plot_profiles
-from reports.findings import how_accurate, join, ordinal, warm_start_worth, which_method
-from reports.frames import animate_scene, plot_scene, window_of
-from reports.intervals import geometric_mean
-from reports.motion import frame_times, motion_of
-from reports.page import prose, report, unflattering, write_report
-from reports.profiles import profile, ratios
-from reports.protocol import protocol, record_command, reproduce
-from reports.results import KEY, Results, empty_rows, load_results, prepare
-from reports.spread import spread_table
-from reports.style import drawing, in_letters, save
-from reports.table import microseconds, percent, short
-from reports.tables import (
+from problems.stepping.run import Event
+from reports.motions.frames import animate_scene, plot_scene, window_of
+from reports.motions.motion import frame_times, motion_of
+from reports.page.page import prose, report, unflattering, write_report
+from reports.parts.intervals import geometric_mean
+from reports.parts.style import drawing, in_letters, save
+from reports.parts.table import microseconds, percent, short
+from reports.rows.comparison import compare, shifted_geometric_mean
+from reports.rows.results import KEY, Results, empty_rows, load_results, prepare
+from reports.sections.figures import plot_accuracy, plot_cost, plot_profiles
+from reports.sections.findings import how_accurate, join, ordinal, warm_start_worth, which_method
+from reports.sections.profiles import profile, ratios
+from reports.sections.protocol import protocol, record_command, reproduce
+from reports.sections.spread import spread_table
+from reports.sections.tables import (
     accuracy_table,
     cost_table,
     losses,
@@ -38,7 +37,8 @@ from reports.tables import (
     verified_table,
     warm_table,
 )
-from reports.work import plot_work
+from reports.sections.thresholds import criterion_answer, criterion_tables, thresholds
+from reports.sections.work import plot_work
 
 SCENES = ("fig2", "fig4")
 
@@ -144,7 +144,7 @@ def make_recording(scene="fig2", bodies=2, steps=40, **parameters):
         solutions.append(
             Solution(np.zeros(4), qp.row_id, Status.SOLVED, np.full(4, FREE, dtype=np.int8))
         )
-    from harness.oracle import reference
+    from harness.judging.oracle import reference
 
     return Recording(
         scene=scene,
@@ -479,7 +479,7 @@ def test_warm_headline(study):
 
 def test_criterion_tables(study):
     model, alternatives = criterion_tables(study)
-    from harness.cost_model import criterion_of
+    from harness.criterion.cost_model import criterion_of
 
     counted = criterion_of(study.recordings["fig2"])
     row = model.data.set_index("scene").loc["fig2"]
@@ -519,7 +519,7 @@ def test_an_absent_or_empty_folder_says_what_to_run(tmp_path):
 
 
 def test_a_real_folder_from_recording_to_page(tmp_path):
-    from harness.replay import replay
+    from harness.study.replay import replay
 
     recording = make_recording("fig2")
     replay(recording, ["lotstedt", "scipy_bvls"], results=tmp_path / "results", repeats=1)
@@ -534,8 +534,8 @@ def test_a_real_folder_from_recording_to_page(tmp_path):
 
 
 def test_solves_of_another_recording_than_the_stored_one_are_refused(tmp_path):
-    from harness.recording import write_recording
-    from harness.replay import replay
+    from harness.recordings.recording import write_recording
+    from harness.study.replay import replay
 
     recording = make_recording("fig2")
     replay(recording, ["scipy_bvls"], results=tmp_path, repeats=1)

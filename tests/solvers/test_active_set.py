@@ -23,8 +23,8 @@ from problems.qp import (
 from solvers import make_solver
 from solvers.active_set.method import VARIANTS, Lotstedt
 from solvers.active_set.workspace import AGE, COUNTS, N_FLOAT_ROWS, OLD_F, OLD_ORDER
-from tests.assertions import assert_kkt, assert_same_force, force_scale
-from tests.random_qps import (
+from tests.fakes.assertions import assert_kkt, assert_same_force, force_scale
+from tests.fakes.random_qps import (
     KINDS,
     contact_sequence,
     from_solution,

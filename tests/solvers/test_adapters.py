@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from problems.qp import AT_LOWER, FREE, ContactQP, Solution, Status
-from solvers.adapters.forms import Native, Outcome, PackageSolver, Posed, pose
+from solvers.adapters.posed import Native, Outcome, PackageSolver, Posed, pose
 from solvers.base import Solver, Unsupported
 from solvers.registry import describe, make_solver, solver_names
-from tests.assertions import assert_kkt, assert_same_force, force_scale
-from tests.random_qps import KINDS, Case, contact_sequence, random_qp
+from tests.fakes.assertions import assert_kkt, assert_same_force, force_scale
+from tests.fakes.random_qps import KINDS, Case, contact_sequence, random_qp
 
 ACCURATE = ("lotstedt", "velocity", "enumeration", "scipy_bvls", "daqp", "quadprog")
 """Backends that must have A x to 1e-9 of the force, always."""

@@ -20,13 +20,13 @@ import numpy as np
 import pytest
 from scipy.optimize import isotonic_regression, linprog
 
-from harness.oracle import reference
+from harness.judging.oracle import reference
 from problems.qp import AT_LOWER, AT_UPPER, FREE, PASSIVE, ContactQP, Solution, Status, Vector
 from solvers import make_solver
 from solvers.active_set.method import VARIANTS
-from tests.assertions import force_scale
-from tests.cycling_programs import PROGRAMS, cycle
-from tests.optimality import assert_same, assert_solved
+from tests.fakes.assertions import force_scale
+from tests.fakes.cycling_programs import PROGRAMS, cycle
+from tests.fakes.optimality import assert_same, assert_solved
 
 INF = np.inf
 

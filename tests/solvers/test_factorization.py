@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from solvers.active_set.flops import cg_limit, delete_flops, qr_flops
-from tests.numpy_twin.conjugate_gradients import conjugate_gradients, solve_R, solve_RT
-from tests.numpy_twin.factorization import (
+from tests.solvers.numpy_twin.conjugate_gradients import conjugate_gradients, solve_R, solve_RT
+from tests.solvers.numpy_twin.factorization import (
     Factorization,
     dependence_tolerance,
     empty_factorization,
@@ -21,7 +21,7 @@ from tests.numpy_twin.factorization import (
     qr_factorize,
     qr_insert,
 )
-from tests.numpy_twin.tally import delete_many_flops
+from tests.solvers.numpy_twin.tally import delete_many_flops
 
 
 def unit_columns(rng: np.random.Generator, m: int, k: int) -> np.ndarray:

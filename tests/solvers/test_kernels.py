@@ -26,10 +26,10 @@ from solvers.active_set.workspace import (
     P,
     make_workspace,
 )
-from tests.assertions import force_error, force_scale
-from tests.numpy_twin import factorization as twin
-from tests.numpy_twin.method import Lotstedt as Twin
-from tests.random_qps import KINDS, contact_sequence, random_qp
+from tests.fakes.assertions import force_error, force_scale
+from tests.fakes.random_qps import KINDS, contact_sequence, random_qp
+from tests.solvers.numpy_twin import factorization as twin
+from tests.solvers.numpy_twin.method import Lotstedt as Twin
 
 
 def loaded(B: np.ndarray):
@@ -189,7 +189,7 @@ def test_the_loop_allocates_nothing():
         "import numba\n"
         "from numba.core.runtime import rtsys\n"
         "from solvers import make_solver\n"
-        "from tests.random_qps import contact_sequence\n"
+        "from tests.fakes.random_qps import contact_sequence\n"
         "from solvers.active_set.loop import algorithm_2\n"
         "from solvers.base import Start\n"
         "solver = make_solver('lotstedt')\n"
@@ -222,7 +222,7 @@ def test_what_is_lent_is_the_same_and_is_let_go():
 
     import numba
 
-    from problems.compiled import lent
+    from problems.kernels.compiled import lent
 
     class Pair(NamedTuple):
         one: np.ndarray
@@ -244,7 +244,7 @@ def test_what_is_lent_is_the_same_and_is_let_go():
 def test_memory_seen_otherwise_is_the_same_memory():
     import numba
 
-    from problems.compiled import in_rows, read_only
+    from problems.kernels.compiled import in_rows, read_only
 
     @numba.njit
     def seen(vector):

@@ -13,20 +13,20 @@ import scipy.sparse as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from harness.oracle import reference
+from harness.judging.oracle import reference
 from problems.qp import AT_LOWER, AT_UPPER, FREE, PASSIVE, ContactQP, Solution, Status, Vector
 from solvers import make_solver
 from solvers.active_set.method import VARIANTS
-from tests.assertions import force_scale
-from tests.optimality import assert_same, assert_solved
-from tests.qp_strategies import (
+from tests.fakes.assertions import force_scale
+from tests.fakes.optimality import assert_same, assert_solved
+from tests.fakes.qp_strategies import (
     Posed,
     columns_of,
     dense_qps,
     sparse_qps,
     yesterday,
 )
-from tests.random_qps import INF
+from tests.fakes.random_qps import INF
 
 seeds = st.integers(0, 2**32 - 1)
 RELATIVE = 1e-9

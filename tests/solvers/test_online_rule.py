@@ -7,7 +7,7 @@ from math import ceil
 import numpy as np
 import pytest
 
-from harness.cost_model import optimal_interval
+from harness.criterion.cost_model import optimal_interval
 from solvers.active_set.online_rule import (
     LONGEST_PATIENCE,
     PRICE,

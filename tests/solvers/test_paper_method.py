@@ -7,11 +7,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from harness.facts import facts_of
-from problems.minimum_norm import least_distance_point
+from harness.judging.facts import facts_of
+from problems.least_norm.minimum_norm import least_distance_point
 from problems.sequence import WARM_KINDS
 from solvers import make_solver
-from tests.runs import scene_recording
+from tests.fakes.runs import scene_recording
 
 SCENES = ("fig2", "fig3", "fig4", "fig5")
 TIGHT = 1e-10

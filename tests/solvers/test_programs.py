@@ -11,13 +11,13 @@ import scipy.sparse as sp
 
 from problems.qp import ContactQP
 from solvers import describe, make_solver
-from solvers.adapters.forms import pose
+from solvers.adapters.posed import pose
 from solvers.adapters.programs import PROGRAMS, Program, ProgramSolver, cones, one_sided
 from solvers.base import carry_over
 from solvers.registry import form_variants, solver_class, solver_names
-from tests.assertions import assert_same_force, force_scale
-from tests.fake_recordings import solution_of
-from tests.random_qps import KINDS, contact_sequence, random_qp
+from tests.fakes.assertions import assert_same_force, force_scale
+from tests.fakes.fake_recordings import solution_of
+from tests.fakes.random_qps import KINDS, contact_sequence, random_qp
 
 FORMS = tuple(PROGRAMS)
 PACKAGES = ("osqp", "proxqp", "clarabel", "daqp", "piqp", "highs", "scs")

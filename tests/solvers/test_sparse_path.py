@@ -15,7 +15,7 @@ from problems import scene, simulate
 from problems.qp import ContactQP, Indices, Vector
 from solvers import make_solver
 from solvers.active_set.method import CROSSOVER, Lotstedt
-from solvers.active_set.sparse_cholesky import (
+from solvers.active_set.sparse.cholesky import (
     cholesky,
     delete_column,
     insert_column,
@@ -23,10 +23,10 @@ from solvers.active_set.sparse_cholesky import (
     solve_L,
     solve_LT,
 )
-from solvers.active_set.sparse_direction import NOISE, conjugate_gradients
-from solvers.active_set.sparse_loop import LEAP_AFTER
-from solvers.active_set.sparse_pattern import FEW_ZEROS, Pattern, contact_order, make_pattern
-from solvers.active_set.sparse_workspace import (
+from solvers.active_set.sparse.direction import NOISE, conjugate_gradients
+from solvers.active_set.sparse.loop import LEAP_AFTER
+from solvers.active_set.sparse.pattern import FEW_ZEROS, Pattern, contact_order, make_pattern
+from solvers.active_set.sparse.workspace import (
     CHANGED,
     IN_F,
     IN_L,
@@ -35,7 +35,7 @@ from solvers.active_set.sparse_workspace import (
     make_sparse_workspace,
 )
 from solvers.active_set.workspace import GRADIENT, LOWER, RESIDUAL, UPPER, P
-from tests.assertions import assert_kkt, force_scale
+from tests.fakes.assertions import assert_kkt, force_scale
 
 
 def contact_matrix(

@@ -17,8 +17,8 @@ from __future__ import annotations
 from math import sqrt
 
 from solvers.active_set.compiled import kernel
-from solvers.active_set.sparse_pattern import SLOTS
-from solvers.active_set.sparse_workspace import CHANGED, IN_L, PLACE, SPREAD, WORK
+from solvers.active_set.sparse.pattern import SLOTS
+from solvers.active_set.sparse.workspace import CHANGED, IN_L, PLACE, SPREAD, WORK
 from solvers.active_set.workspace import V, Y
 
 DEPENDENT = 1e-11

@@ -17,7 +17,7 @@ from solvers.active_set.loop import (
     SCRATCH,
 )
 from solvers.active_set.online_rule import PRICE, iterations_worth
-from solvers.active_set.sparse_cholesky import (
+from solvers.active_set.sparse.cholesky import (
     add,
     cholesky,
     delete_column,
@@ -27,8 +27,8 @@ from solvers.active_set.sparse_cholesky import (
     solve_L,
     solve_LT,
 )
-from solvers.active_set.sparse_pattern import SLOTS
-from solvers.active_set.sparse_workspace import (
+from solvers.active_set.sparse.pattern import SLOTS
+from solvers.active_set.sparse.workspace import (
     IN_F,
     IN_L,
     LARGEST_SHIFT,

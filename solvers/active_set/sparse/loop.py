@@ -47,11 +47,11 @@ from solvers.active_set.loop import (
     wrong_sign,
 )
 from solvers.active_set.online_rule import forget, keep_account
-from solvers.active_set.sparse_cholesky import (
+from solvers.active_set.sparse.cholesky import (
     add,
     dot,
 )
-from solvers.active_set.sparse_direction import (
+from solvers.active_set.sparse.direction import (
     FIRST_SHIFT,
     LEAST_SHIFT,
     MANY,
@@ -64,8 +64,8 @@ from solvers.active_set.sparse_direction import (
     is_of_this_A,
     iteration_flops,
 )
-from solvers.active_set.sparse_pattern import SLOTS
-from solvers.active_set.sparse_workspace import (
+from solvers.active_set.sparse.pattern import SLOTS
+from solvers.active_set.sparse.workspace import (
     IN_F,
     KEPT_F,
     KEPT_Z,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from problems.qp import Vector
-from solvers.active_set.sparse_pattern import Pattern
+from solvers.active_set.sparse.pattern import Pattern
 from solvers.active_set.workspace import N_FLOAT_ROWS, N_INT_ROWS, OLD_F, SIZES, F
 
 IN_F, IN_L, WORK = F, OLD_F, SIZES

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from harness.cli import app
-from harness.convergence import (
+from glambda.cli import app
+from harness.claims.convergence import (
     NO_FIT,
     ROUNDING,
     Converged,
@@ -17,8 +17,7 @@ from harness.convergence import (
     fit,
     measure_convergence,
 )
-from harness.peers.ours import BOUNDED
-from harness.reference_motion import (
+from harness.claims.reference_motion import (
     STOCK,
     Case,
     cases_of,
@@ -26,10 +25,11 @@ from harness.reference_motion import (
     reference_of,
     run_case,
 )
-from harness.stabilization import NONE, Rule
+from harness.claims.stabilization import NONE, Rule
+from harness.peers.ours import BOUNDED
 from problems import scene
-from reports.convergence import convergence_tables, exponent, write_convergence
-from reports.table import short
+from reports.claims.convergence import convergence_tables, exponent, write_convergence
+from reports.parts.table import short
 from solvers import make_solver
 
 RULES = (
@@ -46,9 +46,9 @@ LABEL = "tower,bodies=3,lean=0.1"
 def measured() -> Converged:
     """A small campaign: an impact, drift, and a reference that is coarse, but fine enough."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("harness.convergence.SWEEP", (1e-3, 1e-4, 1e-5))
-        patch.setattr("harness.reference_motion.REFERENCE", 1e-7)
-        patch.setattr("harness.stabilization.RULES", RULES)
+        patch.setattr("harness.claims.convergence.SWEEP", (1e-3, 1e-4, 1e-5))
+        patch.setattr("harness.claims.reference_motion.REFERENCE", 1e-7)
+        patch.setattr("harness.claims.stabilization.RULES", RULES)
         return measure_convergence([LABEL], make_solver("lotstedt"))
 
 
@@ -91,7 +91,7 @@ def test_bounds_of_the_step() -> None:
 
 
 def test_a_run_has_no_error_against_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("harness.reference_motion.REFERENCE", 1e-4)
+    monkeypatch.setattr("harness.claims.reference_motion.REFERENCE", 1e-4)
     case = Case("fig4", scene("fig4"), 0.5)
     reference = reference_of(case, make_solver("lotstedt"))
     run, _ = run_case(case, make_solver("lotstedt"), 1e-4)
@@ -104,8 +104,8 @@ def test_a_run_has_no_error_against_itself(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_it_is_late_after_some_impacts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("harness.reference_motion.REFERENCE", 1e-4)
-    monkeypatch.setattr("harness.reference_motion.LATE", 2)
+    monkeypatch.setattr("harness.claims.reference_motion.REFERENCE", 1e-4)
+    monkeypatch.setattr("harness.claims.reference_motion.LATE", 2)
     reference = reference_of(Case("fig4", scene("fig4"), 0.5), make_solver("lotstedt"))
     parts = [reference.within(stretch) for stretch in ("before", "after", "late")]
     assert (np.sum(parts, axis=0) == 1).all() and all(part.any() for part in parts)
@@ -155,11 +155,11 @@ def test_the_page_tells_what_was_measured(measured: Converged, tmp_path: Path) -
 
 
 def test_no_drift_is_said(tmp_path: Path) -> None:
-    from reports.convergence import drift_table
+    from reports.claims.convergence import drift_table
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("harness.convergence.SWEEP", (1e-2, 1e-3, 1e-4))
-        patch.setattr("harness.reference_motion.REFERENCE", 1e-4)
+        patch.setattr("harness.claims.convergence.SWEEP", (1e-2, 1e-3, 1e-4))
+        patch.setattr("harness.claims.reference_motion.REFERENCE", 1e-4)
         still = measure_convergence(["wall,bodies=3"], make_solver("lotstedt"))
     table = drift_table(still.drifted)
     assert table.data.empty
@@ -186,7 +186,7 @@ def test_zero_has_no_sign() -> None:
 
 
 def test_drift_on_the_command_line(tmp_path: Path) -> None:
-    from harness.recording import read_recording
+    from harness.recordings.recording import read_recording
 
     asked = "record fig2 --until 0.05 --drift baumgarte --drift-time 0.2 -o"
     run = CliRunner().invoke(app, [*asked.split(), str(tmp_path)])

@@ -12,13 +12,19 @@ import pandas as pd
 import pytest
 import scipy.sparse as sp
 
-from harness import growth
-from harness.facts import facts_of
-from harness.growth import Plan, exponent, measure_growth, sequence, whole_bodies
-from harness.judge import judge
-from harness.measure import run_pass
-from harness.recording import Recording
-from reports.growth import exponents_table, limits_table, ratios_table, times_table, write_growth
+from harness.claims import growth
+from harness.claims.growth import Plan, exponent, measure_growth, sequence, whole_bodies
+from harness.judging.facts import facts_of
+from harness.judging.judge import judge
+from harness.passes.measure import run_pass
+from harness.recordings.recording import Recording
+from reports.claims.growth import (
+    exponents_table,
+    limits_table,
+    ratios_table,
+    times_table,
+    write_growth,
+)
 from solvers import make_solver
 
 SMALL = Plan(families=("tower",), bodies=(3, 30), solvers=("lotstedt", "quadprog"), repeats=1)

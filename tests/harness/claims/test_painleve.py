@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.display import print_run
-from harness.painleve import Painleve, measure_painleve
-from harness.slide import STEEPEST, Slide, growth, rod_of_gain, slide_of
+from glambda.display import print_run
+from harness.claims.painleve import Painleve, measure_painleve
+from harness.claims.slide import STEEPEST, Slide, growth, rod_of_gain, slide_of
 from problems import Run, scene, simulate
-from problems.assembly import Assembly
-from problems.friction_passes import largest_gain
-from problems.stepper import Stepper, StepperOptions
-from reports.painleve import painleve_tables, write_painleve
+from problems.contacts.assembly import Assembly
+from problems.friction.passes import largest_gain
+from problems.stepping.stepper import Stepper, StepperOptions
+from reports.claims.painleve import painleve_tables, write_painleve
 from solvers import make_solver
 
 FLUSH = {"angle": np.pi / 2, "thickness": 1.0}
@@ -90,7 +90,7 @@ def test_gains_of_several_contacts_are_found_where_the_passes_fail() -> None:
 
 @pytest.mark.parametrize("entries", [10**6, 0], ids=["dense", "sparse"])
 def test_the_largest_gain_is_an_eigenvalue_of_the_slope(monkeypatch, entries: int) -> None:
-    monkeypatch.setattr("problems.assembly.DENSE_ENTRIES", entries)
+    monkeypatch.setattr("problems.contacts.assembly.DENSE_ENTRIES", entries)
     stepper = Stepper(
         scene("tower", bodies=6, mu=0.5),
         make_solver("lotstedt"),
@@ -154,10 +154,10 @@ def test_growth_reaches_one_at_the_ends_of_its_interval() -> None:
 def measured() -> Painleve:
     """The study with fewer lengths, spins and tolerances."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("harness.painleve.STEPS", (1e-4, 1e-5, 1e-6, 1e-7))
-        patch.setattr("harness.painleve.GAINS", (-0.4, -0.3, 0.9, 1.2, 2.0))
-        patch.setattr("harness.painleve.APPROACHES", (2.0, 3.0))
-        patch.setattr("harness.painleve.TOLERANCES", (1e-3, 1e-4))
+        patch.setattr("harness.claims.painleve.STEPS", (1e-4, 1e-5, 1e-6, 1e-7))
+        patch.setattr("harness.claims.painleve.GAINS", (-0.4, -0.3, 0.9, 1.2, 2.0))
+        patch.setattr("harness.claims.painleve.APPROACHES", (2.0, 3.0))
+        patch.setattr("harness.claims.painleve.TOLERANCES", (1e-3, 1e-4))
         return measure_painleve(make_solver("lotstedt"))
 
 

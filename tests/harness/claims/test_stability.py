@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.stability import (
+from harness.claims.stability import (
     CORNERS,
     amplification,
     border,

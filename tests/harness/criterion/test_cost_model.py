@@ -8,16 +8,16 @@ from math import inf, sqrt
 import numpy as np
 import pytest
 
-from harness.cost_model import cost_per_call, criterion_of, optimal_interval, threshold
-from harness.factor_rules import drive, fixed, sequence
-from harness.record import recording_of
-from harness.recording import Recording
-from harness.unit_costs import dense_costs, goes_sparse, sparse_costs
+from harness.criterion.cost_model import cost_per_call, criterion_of, optimal_interval, threshold
+from harness.criterion.factor_rules import drive, fixed, sequence
+from harness.recordings.recording import Recording
+from harness.study.record import recording_of
 from problems import scene, simulate
 from solvers import make_solver
 from solvers.active_set.flops import cg_iteration_flops, qr_flops
-from solvers.active_set.sparse_pattern import make_pattern
-from tests.fake_recordings import fake_recording
+from solvers.active_set.sparse.pattern import make_pattern
+from solvers.active_set.unit_costs import dense_costs, goes_sparse, sparse_costs
+from tests.fakes.fake_recordings import fake_recording
 
 
 def test_the_paper_has_c_and_r_equal_to_1() -> None:

@@ -13,11 +13,11 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from harness.cli import app
-from harness.cost_model import fit_growth
-from harness.criterion import RULES, Measurement, growth_of, measure, measure_all
-from harness.drift import compare, drift, effort, predicted_exponent
-from harness.factor_rules import (
+from glambda.cli import app
+from harness.criterion.column_drift import compare, drift, effort, predicted_exponent
+from harness.criterion.cost_model import fit_growth
+from harness.criterion.criterion import RULES, Measurement, growth_of, measure, measure_all
+from harness.criterion.factor_rules import (
     as_shipped,
     drive,
     exact,
@@ -27,24 +27,24 @@ from harness.factor_rules import (
     paper_deferred,
     sequence,
 )
-from harness.record import recording_of
-from harness.recording import read_recording, write_recording
-from harness.unit_times import PARTS, fit_unit_times
+from harness.criterion.unit_times import PARTS, fit_unit_times
+from harness.recordings.recording import read_recording, write_recording
+from harness.study.record import recording_of
 from problems import scene, simulate
 from problems.qp import ContactQP
-from reports.criterion_report import tables_of, write_criterion
+from reports.criterion.page import tables_of, write_criterion
 from solvers import make_solver
 from solvers.active_set.flops import qr_flops
-from tests.fake_recordings import fake_recording
-from tests.runs import short_recording
+from tests.fakes.fake_recordings import fake_recording
+from tests.fakes.runs import short_recording
 
 
 @pytest.fixture(scope="module", autouse=True)
 def shortly() -> Iterator[None]:
     """Times are measured, but not for long: no test here hangs on them."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("harness.criterion.ENOUGH", 1e-3)
-        patch.setattr("harness.kept_factors.INTERVALS", (1, 5))
+        patch.setattr("harness.criterion.criterion.ENOUGH", 1e-3)
+        patch.setattr("harness.criterion.kept_factors.INTERVALS", (1, 5))
         yield
 
 

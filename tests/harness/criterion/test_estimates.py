@@ -12,10 +12,10 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from harness import accuracy, enumeration_growth, estimates
-from harness.accuracy import SAFETY, SOLVERS, STARTS, accuracy_of, shake
-from harness.cli import app
-from harness.enumeration_growth import (
+from glambda.cli import app
+from harness.criterion.accuracy import SAFETY, SOLVERS, STARTS, accuracy_of, shake
+from harness.criterion.criterion import accuracy, enumeration_growth, estimates
+from harness.criterion.enumeration_growth import (
     fit_base,
     loses_from,
     medians,
@@ -24,17 +24,17 @@ from harness.enumeration_growth import (
     randomly,
     recorded,
 )
-from harness.estimates import estimates_of, factor
-from harness.examination import Examination, examine
-from harness.facts import facts_of
-from harness.recording import Recording, write_recording
+from harness.criterion.estimates import estimates_of, factor
+from harness.criterion.examination import Examination, examine
+from harness.judging.facts import facts_of
+from harness.recordings.recording import Recording, write_recording
 from problems.qp import ContactQP
 from problems.sequence import WARM_KINDS
-from reports.criterion_report import examination_tables
-from reports.table import Table
+from reports.criterion.page import examination_tables
+from reports.parts.table import Table
 from solvers import make_solver
-from tests.fake_recordings import fake_recording, solution_of
-from tests.runs import scene_recording, short_recording
+from tests.fakes.fake_recordings import fake_recording, solution_of
+from tests.fakes.runs import scene_recording, short_recording
 
 
 @cache
@@ -333,8 +333,8 @@ def test_larger_qps_are_left_out_and_a_long_recording_is_cut(
 @cache
 def examined() -> Examination:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("harness.kept_factors.INTERVALS", (1, 5))
-        patch.setattr("harness.kept_factors.LONGEST", 30)
+        patch.setattr("harness.criterion.kept_factors.INTERVALS", (1, 5))
+        patch.setattr("harness.criterion.kept_factors.LONGEST", 30)
         recordings = [short_recording("fig4", 80), short_recording("fig5", 80)]
         return examine(recordings, sizes=(1, 2, 3, 5))
 
@@ -411,7 +411,7 @@ def test_the_command_writes_the_tables(tmp_path: Path, monkeypatch: pytest.Monke
     path, out = tmp_path / "fig5.h5", tmp_path / "out"
     write_recording(path, short_recording("fig5", 60))
     short = examined()
-    monkeypatch.setattr("harness.examination.examine", lambda *_, **__: short)
+    monkeypatch.setattr("harness.criterion.examination.examine", lambda *_, **__: short)
     result = CliRunner().invoke(app, ["criterion", str(path), "--repeats", "1", "-o", str(out)])
     assert result.exit_code == 0, result.output
     assert "Ranks against the SVD" in result.stdout

@@ -10,13 +10,21 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.factor_rules import sequence
-from harness.kept_factors import INTERVALS, KINDS, METHOD, Kind, follow, hooked, kept_factors
-from reports.criterion_kept import kept_factors_table, plot_kept
+from harness.criterion.factor_rules import sequence
+from harness.criterion.kept_factors import (
+    INTERVALS,
+    KINDS,
+    METHOD,
+    Kind,
+    follow,
+    hooked,
+    kept_factors,
+)
+from reports.criterion.kept import kept_factors_table, plot_kept
 from solvers import describe
-from tests.fake_recordings import fake_recording
-from tests.runs import scene_recording
-from tests.test_criterion import short_recording
+from tests.fakes.fake_recordings import fake_recording
+from tests.fakes.runs import scene_recording
+from tests.harness.criterion.test_criterion import short_recording
 
 INSTALLED = [kind for kind in KINDS if describe(kind.package).available]
 
@@ -29,7 +37,7 @@ def named(kind: Kind) -> str:
 def runs_of_fig5() -> pd.DataFrame:
     """Of 40 QPs, however long a run takes."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("harness.kept_factors.LIMIT", inf)
+        patch.setattr("harness.criterion.kept_factors.LIMIT", inf)
         return kept_factors(short_recording("fig5", 40), turns=1)
 
 

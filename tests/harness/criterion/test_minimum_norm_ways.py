@@ -9,18 +9,23 @@ from math import inf
 import numpy as np
 import pytest
 
-from harness import minimum_norm_ways as ways_module
-from harness.examination import Examination
-from harness.least_norm import decompose, least_norm, project
-from harness.minimum_norm_ways import MinimumNormWays, keep_old, minimum_norm_ways, redundant
-from harness.recording import Recording
-from problems.minimum_norm import minimum_norm
+from harness.criterion.criterion import minimum_norm_ways as ways_module
+from harness.criterion.examination import Examination
+from harness.criterion.least_norm import decompose, least_norm, project
+from harness.criterion.minimum_norm_ways import (
+    MinimumNormWays,
+    keep_old,
+    minimum_norm_ways,
+    redundant,
+)
+from harness.recordings.recording import Recording
+from problems.least_norm.minimum_norm import minimum_norm
 from problems.qp import ContactQP
 from problems.sequence import QPSequence
-from reports.criterion_minimum_norm import minimum_norm_table
+from reports.criterion.minimum_norm import minimum_norm_table
 from solvers import make_solver
-from tests.fake_recordings import fake_recording, solution_of
-from tests.runs import scene_recording
+from tests.fakes.fake_recordings import fake_recording, solution_of
+from tests.fakes.runs import scene_recording
 
 SEEDS = range(12)
 

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.json_file import read_json, sealed_json
-from harness.plain_files import Unreadable, open_plain
-from harness.seal import BLOCK, DIGITS, PIECE, SEAL, TAIL, UNSEALED, block, intact, sealed
+from harness.files.json_file import read_json, sealed_json
+from harness.files.plain_files import Unreadable, open_plain
+from harness.files.seal import BLOCK, DIGITS, PIECE, SEAL, TAIL, UNSEALED, block, intact, sealed
 
 PLACES = {
     "before": block(b"glambda thing 1") + b"content" * 1000,

@@ -9,30 +9,30 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import harness.oracle as oracle
+import harness.judging.oracle as oracle
 from harness import judge
-from harness.certificates import (
+from harness.judging.certificates import (
     ANSWERS,
     PREVIOUS,
     certificates,
     summary,
 )
-from harness.error_bound import error_bound
-from harness.facts import facts_of
-from harness.oracle import reference
-from harness.proof import prove
-from harness.recording import Recording
+from harness.judging.error_bound import error_bound
+from harness.judging.facts import facts_of
+from harness.judging.oracle import reference
+from harness.judging.proof import prove
+from harness.recordings.recording import Recording
 from problems.qp import ContactQP
-from reports.certificates import (
+from reports.rows.results import Results, empty_rows
+from reports.sections.certificates import (
     certificates_answer,
     certificates_of,
     certificates_tables,
     plot_certificates,
     references_table,
 )
-from reports.results import Results, empty_rows
-from tests.random_qps import KINDS, random_qp
-from tests.runs import scene_recording
+from tests.fakes.random_qps import KINDS, random_qp
+from tests.fakes.runs import scene_recording
 
 INF = np.inf
 SCENES = ("fig2", "fig3", "fig4", "fig5")

@@ -14,22 +14,22 @@ import numpy as np
 import pytest
 
 from harness import judge, replay
-from harness.error_bound import error_bound
-from harness.facts import facts_of
-from harness.isolate import TIME_LIMIT
-from harness.judge import VERIFIED_WITHIN
-from harness.machine import solver_version
-from harness.oracle import reference
-from harness.recording import Reference
+from harness.judging.error_bound import error_bound
+from harness.judging.facts import facts_of
+from harness.judging.judge import VERIFIED_WITHIN
+from harness.judging.oracle import reference
+from harness.machine.machine import solver_version
+from harness.processes.isolate import TIME_LIMIT
+from harness.recordings.recording import Reference
 from problems.qp import ContactQP, Vector, positions_of
-from reports.comparison import compare
-from reports.results import prepare
+from reports.rows.comparison import compare
+from reports.rows.results import prepare
 from solvers import registry
 from solvers.active_set.method import Lotstedt
 from solvers.base import Unsupported
-from tests.crooked import Right
-from tests.fake_recordings import fake_recording
-from tests.runs import scene_recording
+from tests.fakes.crooked import Right
+from tests.fakes.fake_recordings import fake_recording
+from tests.fakes.runs import scene_recording
 
 INF = np.inf
 

@@ -1,8 +1,8 @@
 """The error bound and the judge against exact truth, on QPs made to be awkward.
 
 Data are small integers times powers of two, so that ties, dependent columns and degenerate
-gradients are exact; A x* is known in rational arithmetic (`harness.proof`, itself held to an
-enumeration by `tests.test_proof`), and so is the error of any answer.
+gradients are exact; A x* is known in rational arithmetic (`harness.judging.proof`, itself held to
+an enumeration by `tests.harness.judging.test_proof`), and so is the error of any answer.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-import harness.oracle as oracle
+import harness.judging.oracle as oracle
 from harness import judge
-from harness.error_bound import error_bound
-from harness.facts import Facts, facts_of
-from harness.oracle import reference
-from harness.proof import Proof, prove
+from harness.judging.error_bound import error_bound
+from harness.judging.facts import Facts, facts_of
+from harness.judging.oracle import reference
+from harness.judging.proof import Proof, prove
 from problems.qp import ContactQP, Vector
 
 INF = np.inf

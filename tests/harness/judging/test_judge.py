@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from harness import judge
-from harness.error_bound import error_bound
-from harness.facts import facts_of
-from harness.judge import VERDICTS, kkt_residuals
-from harness.oracle import reference
+from harness.judging.error_bound import error_bound
+from harness.judging.facts import facts_of
+from harness.judging.judge import VERDICTS, kkt_residuals
+from harness.judging.oracle import reference
 from problems.qp import ContactQP
-from tests.random_qps import KINDS, random_qp
+from tests.fakes.random_qps import KINDS, random_qp
 
 INF = np.inf
 SIZES = (1e-12, 1e-9, 1e-6, 1e-3, 1.0, 30.0)
@@ -114,7 +114,7 @@ def test_oracle_declines_what_it_can_neither_prove_nor_bound(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """An answer that is off, whatever the reason, is no reference."""
-    import harness.oracle as oracle
+    import harness.judging.oracle as oracle
 
     right = oracle._active_set
     monkeypatch.setattr(oracle, "_active_set", lambda facts: right(facts) + 1e-8)
@@ -127,7 +127,7 @@ def test_oracle_is_independent_of_the_solvers() -> None:
     import ast
     from pathlib import Path
 
-    import harness.oracle as oracle
+    import harness.judging.oracle as oracle
 
     for name in ("oracle", "proof", "error_bound", "facts", "span", "judge"):
         tree = ast.parse(Path(oracle.__file__).with_name(f"{name}.py").read_text())

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from harness import judge, replay
-from harness.contact_rows import contact_rows
-from harness.facts import facts_of
-from harness.physics import MEASURES, physics
+from harness.judging.contact_rows import contact_rows
+from harness.judging.facts import facts_of
+from harness.judging.physics import MEASURES, physics
 from problems import simulate
 from problems.qp import NORMAL, TANGENT, ContactQP
-from reports.physics import physics_table
-from reports.results import Results, prepare
+from reports.rows.results import Results, prepare
+from reports.sections.physics import physics_table
 from solvers import make_solver
-from tests.runs import one_box, scene_recording, scene_run
+from tests.fakes.runs import one_box, scene_recording, scene_run
 
 INF = np.inf
 MASS, WEIGHT = 2.0, 20.0

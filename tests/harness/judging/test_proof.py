@@ -8,13 +8,13 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-import harness.oracle as oracle
-from harness.error_bound import error_bound
-from harness.facts import facts_of
-from harness.oracle import reference
-from harness.proof import prove
+import harness.judging.oracle as oracle
+from harness.judging.error_bound import error_bound
+from harness.judging.facts import facts_of
+from harness.judging.oracle import reference
+from harness.judging.proof import prove
 from problems.qp import ContactQP
-from tests.random_qps import KINDS, random_qp
+from tests.fakes.random_qps import KINDS, random_qp
 
 INF = np.inf
 Rows = list[list[Fraction]]
@@ -183,7 +183,7 @@ def test_data_of_hundreds_of_decades_cost_more_work() -> None:
 
 
 def test_many_columns_go_by_the_bound(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("harness.proof.COLUMNS", 5)
+    monkeypatch.setattr("harness.judging.proof.COLUMNS", 5)
     qp, Ax = random_qp("tower", 0)
     found = reference(qp)
     assert found.proof == "bound"

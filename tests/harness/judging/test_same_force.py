@@ -1,10 +1,10 @@
 """The main claim: every backend reproduces the same Gλ, on the QPs of each of the four scenes.
 
 The accurate class must not miss once.  Of the others, those that are known to miss may miss what
-`harness.expected_misses` says, each with its reason, and the rest what rounding explains.  The
-paper's method answers every QP, other backends every so many: `glambda verify` asks them all for
-everything.  QPs that no scene poses (rank-deficient, degenerate, bilateral, one-sided, fixed rows,
-…) are in `test_adapters`.
+`harness.study.expected_misses` says, each with its reason, and the rest what rounding explains.
+The paper's method answers every QP, other backends every so many: `glambda verify` asks them all
+for everything.  QPs that no scene poses (rank-deficient, degenerate, bilateral, one-sided, fixed
+rows, …) are in `test_adapters`.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from functools import cache
 
 import pytest
 
-from harness.expected_misses import EXPECTED, SCENES
-from harness.recording import Recording
-from harness.verify import verify
+from harness.recordings.recording import Recording
+from harness.study.expected_misses import EXPECTED, SCENES
+from harness.study.verify import verify
 from solvers import describe, solver_names
-from tests.runs import scene_recording
+from tests.fakes.runs import scene_recording
 
 STRIDES = {**dict.fromkeys(EXPECTED, 3), "lotstedt": 1}
 

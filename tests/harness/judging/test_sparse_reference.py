@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-import harness.facts as facts_module
-import harness.oracle as oracle
-from harness.error_bound import error_bound
-from harness.facts import UNKNOWN, Facts, facts_of
-from harness.oracle import reference
-from harness.record import record
-from harness.span import DenseSpan, SparseSpan
+import harness.judging.facts as facts_module
+import harness.judging.oracle as oracle
+from harness.judging.error_bound import error_bound
+from harness.judging.facts import UNKNOWN, Facts, facts_of
+from harness.judging.oracle import reference
+from harness.judging.span import DenseSpan, SparseSpan
+from harness.study.record import record
 from problems import scene
 from problems.qp import ContactQP
-from tests.random_qps import KINDS, random_qp
-from tests.test_judge import wrong_answers
+from tests.fakes.random_qps import KINDS, random_qp
+from tests.harness.judging.test_judge import wrong_answers
 
 ANY = sorted(set(KINDS) - {"empty"})
 

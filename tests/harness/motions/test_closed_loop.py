@@ -11,19 +11,19 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from harness import isolated_loops, loop
-from harness.cli import app
-from harness.closed_loop import Findings, Plan, close_loops
-from harness.facts import facts_of
-from harness.in_loop import NOISES, SLOPPY, InLoop, Sloppy, check_backend, exact, posed
-from harness.isolated_loops import run_isolated
-from harness.loop import Loop, LoopResult, run_loop
-from harness.loop_store import load_loop, loop_path, write_loop
-from harness.store import StoreError
+from glambda.cli import app
+from harness.judging.facts import facts_of
+from harness.motions import isolated_loops, loop
+from harness.motions.closed_loop import Findings, Plan, close_loops
+from harness.motions.in_loop import NOISES, SLOPPY, InLoop, Sloppy, check_backend, exact, posed
+from harness.motions.isolated_loops import run_isolated
+from harness.motions.loop import Loop, LoopResult, run_loop
+from harness.motions.loop_store import load_loop, loop_path, write_loop
+from harness.results.store import StoreError
 from problems.qp import ContactQP, Solution
-from reports.closed_loop import sloppy_table, write_closed_loop
-from reports.closed_loop_figures import plot_separation
-from reports.closed_loop_findings import (
+from reports.motions.closed_loop import sloppy_table, write_closed_loop
+from reports.motions.closed_loop_figures import plot_separation
+from reports.motions.closed_loop_findings import (
     as_large_as_eps,
     discretization,
     findings_of,
@@ -32,8 +32,8 @@ from reports.closed_loop_findings import (
 )
 from solvers import make_solver
 from solvers.base import Unsupported
-from tests.loop_crimes import CRIMES, commit
-from tests.runs import scene_run
+from tests.fakes.loop_crimes import CRIMES, commit
+from tests.fakes.runs import scene_run
 
 LOOP = Loop("fig3", "lotstedt", "paper", 1e-3, 1e-3, 2e-3, until=0.9, time_limit=60.0)
 SMALL = Plan(
@@ -220,7 +220,7 @@ def test_results_of_something_else_are_refused(tmp_path: Path) -> None:
 
 def test_crashes_and_hangs_cost_one_loop(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(isolated_loops, "GRACE", 3.0)
-    monkeypatch.setattr("harness.loop_store.solver_version", lambda name: "none")
+    monkeypatch.setattr("harness.motions.loop_store.solver_version", lambda name: "none")
     loops = [replace(LOOP, solver=crime, time_limit=0.1) for crime in CRIMES]
     seen: list[float] = []
     run_isolated(

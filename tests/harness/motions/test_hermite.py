@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from harness.hermite import hermite
+from harness.motions.hermite import hermite
 
 
 def test_cubics_are_exact_and_an_impact_has_the_state_after_it() -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.motion_error import APART, WINDOW, Motion, match_events, pose_error
-from problems.run import Event
+from harness.motions.motion_error import APART, WINDOW, Motion, match_events, pose_error
+from problems.stepping.run import Event
 
 G = 9.81
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.in_loop import InLoop
-from harness.run_physics import (
+from harness.motions.in_loop import InLoop
+from harness.motions.run_physics import (
     accuracy_of_answers,
     energy,
     last_answers,
@@ -18,12 +18,12 @@ from harness.run_physics import (
     signorini,
 )
 from problems import Run, scene, simulate
-from problems.bodies import box
-from problems.contacts import HalfPlane
-from problems.forces import Load
+from problems.bodies.bodies import box
+from problems.bodies.forces import Load
+from problems.contacts.geometry import HalfPlane
 from problems.scenes import Scene
 from solvers import make_solver
-from tests.runs import one_box, scene_run
+from tests.fakes.runs import one_box, scene_run
 
 
 def pair(x: float, y: float, angle: float = 0.0) -> float:

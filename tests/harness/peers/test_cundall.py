@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from harness.peers.springs import SpringsAndDampers
 from problems import Scene, scene, simulate
-from problems.bodies import box
-from problems.cundall import SpringsAndDampers
+from problems.bodies.bodies import box
 from solvers import make_solver
 
 WIDTH, HEIGHT = 2.0, 1.0

@@ -20,8 +20,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from typer.testing import CliRunner
 
-from harness.cli import app
-from harness.folder_lock import Locked
+from glambda.cli import app
+from harness.files.folder_lock import Locked
 from harness.peers import ENGINES, OURS, describe_engine, engine_class
 from harness.peers.base import Peer, ground_boxes
 from harness.peers.campaign import Outcome, Plan, Run, run_campaign, runs_of
@@ -30,11 +30,11 @@ from harness.peers.observe import energy, observe, penetration
 from harness.peers.ours import BOUNDED, Glambda
 from harness.peers.tasks import DEFAULT, FRAME, Task, digest_of, started, tasks_of
 from problems import Scene, scene
-from problems.bodies import box
-from problems.contacts import HalfPlane
-from reports.peers import write_peers
-from reports.peers_tables import least_table, rest_table
-from tests.runs import leaning_box, one_box, scene_run
+from problems.bodies.bodies import box
+from problems.contacts.geometry import HalfPlane
+from reports.peers.page import write_peers
+from reports.peers.tables import least_table, rest_table
+from tests.fakes.runs import leaning_box, one_box, scene_run
 
 GOOD = {
     "pymunk": ("100 iterations", 1 / 960),
@@ -309,7 +309,7 @@ def few_runs_of_ours(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def campaign(folder: Path, fake: str, limit: float = 20.0) -> pd.DataFrame:
-    engine = f"tests.fake_engines:{fake}"
+    engine = f"tests.fakes.fake_engines:{fake}"
     rows = table_of(run_campaign(Plan((FLIGHT,), (engine,), limit), folder))
     return rows[(rows["engine"] == engine) & (rows["kind"] == "motion")]
 
@@ -353,7 +353,7 @@ def test_a_folder_is_continued_and_a_damaged_run_made_anew(folder: Path) -> None
 
 def test_two_campaigns_do_not_share_a_folder(tmp_path: Path) -> None:
     code = (
-        "import sys, pathlib; from harness.folder_lock import lock_folder\n"
+        "import sys, pathlib; from harness.files.folder_lock import lock_folder\n"
         "lock = lock_folder(pathlib.Path(sys.argv[1]), 'run'); print('held', flush=True); input()"
     )
     command = [sys.executable, "-c", code, str(tmp_path)]

@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from harness.calibration import calibrate, clock_facts
+from harness.machine.calibration import calibrate, clock_facts
 
 
 def test_the_clock_is_measured_by_what_it_can_tell_apart() -> None:

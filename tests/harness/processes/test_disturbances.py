@@ -13,14 +13,15 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from harness import isolate, replay
-from harness.cli import app
-from harness.recording import write_recording
-from harness.sheet import Layout, Sheet
-from harness.store import is_disturbed, read_results
+from glambda.cli import app
+from harness import replay
+from harness.processes import isolate
+from harness.processes.sheet import Layout, Sheet
+from harness.recordings.recording import write_recording
+from harness.results.store import is_disturbed, read_results
 from solvers import registry
-from tests import disturbances
-from tests.fake_recordings import fake_recording
+from tests.fakes import disturbances
+from tests.fakes.fake_recordings import fake_recording
 
 pytestmark = [
     pytest.mark.skipif(not isolate.is_available(), reason="the system cannot fork"),
@@ -30,7 +31,7 @@ pytestmark = [
 
 @pytest.fixture(autouse=True)
 def known(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    targets = {name: f"tests.disturbances:{name}" for name in disturbances.NAMES}
+    targets = {name: f"tests.fakes.disturbances:{name}" for name in disturbances.NAMES}
     monkeypatch.setattr(registry, "_REGISTERED", targets)
     yield
     for name in disturbances.NAMES:
@@ -54,9 +55,9 @@ def test_who_dies_unborn_is_told_apart_and_tried_again(tmp_path: Path) -> None:
     assert first["status_text"].str.startswith("disturbed: before its first QP: ").all()
     assert first["status_text"].str.contains("exit code 3").all()
     with pytest.MonkeyPatch.context() as patch:  # whatever it was has passed
-        patch.setattr(registry, "_REGISTERED", {"DiesUnborn": "tests.crooked:Right"})
+        patch.setattr(registry, "_REGISTERED", {"DiesUnborn": "tests.fakes.crooked:Right"})
         version = first["versions"].iloc[0]
-        patch.setattr(sys.modules["harness.replay"], "solver_version", lambda name: version)
+        patch.setattr(sys.modules["harness.study.replay"], "solver_version", lambda name: version)
         again = rows_of("DiesUnborn", tmp_path)
     assert (again["verdict"] == "verified").all()
 
@@ -98,7 +99,7 @@ def test_a_sheet_that_does_not_fit_is_refused(
     def opened(*how: Any, **more: Any) -> FullDisk:
         return FullDisk(open(*how, **more), room)
 
-    monkeypatch.setattr("harness.sheet.open", opened, raising=False)
+    monkeypatch.setattr("harness.processes.sheet.open", opened, raising=False)
     path = tmp_path / "sheet"
     with pytest.raises(OSError, match="No space left on device; make room there, or set TMPDIR"):
         Sheet(path, Layout([100] * 10))

@@ -1,6 +1,6 @@
 """Processes of their own: whatever a backend does becomes a row, and the study goes on.
 
-The crimes themselves, and what is to be found of each, are in `tests.crimes`.
+The crimes themselves, and what is to be found of each, are in `tests.fakes.crimes`.
 """
 
 from __future__ import annotations
@@ -22,16 +22,17 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness import isolate, live_process, replay
-from harness.isolate import MOST_LOST, hard_limit
-from harness.live_process import cause_of_death, server
-from harness.measure import Outcome, believed
-from harness.sheet import HEADER, ROW, SETTLED, Layout, Pen, Sheet
-from harness.store import TIMES, StoreError, read_spent
+from harness import replay
+from harness.passes.measure import Outcome, believed
+from harness.processes import isolate, live_process
+from harness.processes.isolate import MOST_LOST, hard_limit
+from harness.processes.live_process import cause_of_death, server
+from harness.processes.sheet import HEADER, ROW, SETTLED, Layout, Pen, Sheet
+from harness.results.store import TIMES, StoreError, read_spent
 from problems.qp import WorkCounts
 from solvers import registry
-from tests.crimes import CRIMES, MEMORY_LIMIT, SCENE, targets
-from tests.fake_recordings import fake_recording
+from tests.fakes.crimes import CRIMES, MEMORY_LIMIT, SCENE, targets
+from tests.fakes.fake_recordings import fake_recording
 
 pytestmark = pytest.mark.skipif(not isolate.is_available(), reason="the system cannot fork")
 SHORT = 1.0
@@ -43,7 +44,7 @@ def known() -> Iterator[None]:
     """The criminals, by name, and a hard limit that is soon reached."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(registry, "_REGISTERED", targets())
-        for module in ("harness.isolate", "harness.replay"):
+        for module in ("harness.processes.isolate", "harness.study.replay"):
             patch.setattr(sys.modules[module], "hard_limit", lambda _: SHORT)
         patch.setattr(isolate, "FIRST_CALL", 1.0)
         yield
@@ -145,8 +146,8 @@ PROGRAM = """
 import sys
 from harness import replay
 from solvers.registry import register
-from tests.crimes import targets
-from tests.fake_recordings import fake_recording
+from tests.fakes.crimes import targets
+from tests.fakes.fake_recordings import fake_recording
 for name, target in targets().items():
     register(name, target)
 replay(fake_recording(), sys.argv[2:], arms=["cold"], repeats=1, results=sys.argv[1])
@@ -164,7 +165,7 @@ def run(tmp_path: Path) -> Iterator[Callable[..., tuple[subprocess.Popen[str], s
         program = subprocess.Popen(
             [sys.executable, "-c", PROGRAM, str(tmp_path), *solvers],
             env={**os.environ, "TEST_OF_ISOLATION": word},
-            cwd=Path(__file__).parents[1],
+            cwd=Path(__file__).parents[3],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,

@@ -11,21 +11,21 @@ import numpy as np
 import pytest
 
 from harness import replay
-from harness.isolate import Block
-from harness.machine import solver_version
-from harness.measure import PATIENCE, run_pass
-from harness.recording import write_recording
-from harness.replay import reproduce
-from harness.store import COLUMNS, StoreError, read_repeats, read_results
+from harness.machine.machine import solver_version
+from harness.passes.measure import PATIENCE, run_pass
+from harness.processes.isolate import Block
+from harness.recordings.recording import write_recording
+from harness.results.store import COLUMNS, StoreError, read_repeats, read_results
+from harness.study.replay import reproduce
 from problems.qp import working_set_of
 from solvers import registry
-from tests.crooked import CROOKED, Right, Slow
-from tests.fake_recordings import fake_recording
+from tests.fakes.crooked import CROOKED, Right, Slow
+from tests.fakes.fake_recordings import fake_recording
 
 
 @pytest.fixture(autouse=True)
 def known(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The solvers of `tests.crooked`, by name, beside the real ones."""
+    """The solvers of `tests.fakes.crooked`, by name, beside the real ones."""
     solver_version.cache_clear()
     monkeypatch.setattr(registry, "_REGISTERED", dict(CROOKED))
     Right.starts.clear()
@@ -197,7 +197,7 @@ def test_only_the_first_pass_of_a_process_is_warmed_up(monkeypatch: pytest.Monke
         budgets.append(budget)
         return run_pass(*arguments, budget=budget, **options)
 
-    monkeypatch.setattr("harness.in_process.run_pass", spy)
+    monkeypatch.setattr("harness.processes.in_process.run_pass", spy)
     replay(fake_recording(), ["right"], arms=["cold"], repeats=2, isolate=False)
     assert budgets == [1.0, np.inf, np.inf]
 

@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 
 from harness import replay
-from harness.facts import facts_of, setting_name
-from harness.measure import run_pass
-from harness.recording import Reference
-from harness.replay import reproduce
-from harness.starts import EVERY_ARM, Starts, after_restart, has_arm, order_of
+from harness.judging.facts import facts_of, setting_name
+from harness.passes.measure import run_pass
+from harness.passes.starts import EVERY_ARM, Starts, after_restart, has_arm, order_of
+from harness.recordings.recording import Reference
+from harness.study.replay import reproduce
 from problems.qp import FREE, ContactQP, Solution
 from solvers import make_solver
-from solvers.adapters.velocity import Velocity
+from solvers.baselines.velocity import Velocity
 from solvers.registry import solver_class
-from tests.fake_recordings import fake_recording, solution_of
-from tests.random_qps import random_qp
-from tests.runs import scene_recording
+from tests.fakes.fake_recordings import fake_recording, solution_of
+from tests.fakes.random_qps import random_qp
+from tests.fakes.runs import scene_recording
 
 
 def stretch(times: list[float], kinds: str = "step") -> list[ContactQP]:

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from harness.kept_recording import first_difference, how_run, kept_recording, recording_in
-from harness.record import record
-from harness.recording import Recording, write_recording
-from harness.store import StoreError
+from harness.recordings.recording import Recording, write_recording
+from harness.results.store import StoreError
+from harness.study.kept_recording import first_difference, how_run, kept_recording, recording_in
+from harness.study.record import record
 from problems import scene
 
 UNTIL = 0.01

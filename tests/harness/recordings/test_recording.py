@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from benchmarks.forged_recordings import forge
-from harness import recording_file
-from harness.recording import Recording, RecordingError, read_recording, write_recording
-from harness.recording_file import ENTRY_BYTES, QP_BYTES
-from harness.recording_layout import FIELDS
-from harness.seal import sealed
-from problems.run import Event
-from tests.fake_recordings import fake_recording
+from harness.files.seal import sealed
+from harness.recordings import file as recording_file
+from harness.recordings.file import ENTRY_BYTES, QP_BYTES
+from harness.recordings.layout import FIELDS
+from harness.recordings.recording import Recording, RecordingError, read_recording, write_recording
+from problems.stepping.run import Event
+from tests.endurance.forged_recordings import forge
+from tests.fakes.fake_recordings import fake_recording
 
 OF_EACH_QP = ("qps", "solutions", "references", "mu")
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from harness.cli import app
-from harness.facts import facts_of
-from harness.recording import read_recording, write_recording
-from harness.stretch import stretched, stretched_qp
-from tests.runs import scene_recording
+from glambda.cli import app
+from harness.judging.facts import facts_of
+from harness.recordings.recording import read_recording, write_recording
+from harness.study.stretch import stretched, stretched_qp
+from tests.fakes.runs import scene_recording
 
 
 def condition_of(A: np.ndarray) -> float:

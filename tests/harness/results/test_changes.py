@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from harness.changes import compare_results
-from harness.cli import app
-from harness.shard_file import TIMES
-from harness.store import Shard, ShardKey, Store, StoreError
+from glambda.cli import app
+from harness.results.changes import compare_results
+from harness.results.shard_file import TIMES
+from harness.results.store import Shard, ShardKey, Store, StoreError
 
 SOLVERS = ("daqp", "lotstedt", "osqp", "piqp")
 ARMS = ("cold", "warm")

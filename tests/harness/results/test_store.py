@@ -17,12 +17,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from harness import folder_lock, whole_files
-from harness.folder_lock import ForeignLock, Locked
-from harness.json_file import sealed_json
-from harness.recording import write_recording
-from harness.shard_file import summarise
-from harness.store import (
+from harness.files import folder_lock, whole_files
+from harness.files.folder_lock import ForeignLock, Locked
+from harness.files.json_file import sealed_json
+from harness.recordings.recording import write_recording
+from harness.results.shard_file import summarise
+from harness.results.store import (
     COLUMNS,
     REPEAT_COLUMNS,
     Shard,
@@ -34,9 +34,9 @@ from harness.store import (
     read_spent,
     read_study,
 )
-from tests.fake_recordings import fake_recording
+from tests.fakes.fake_recordings import fake_recording
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[3]
 KEY = ShardKey("fake", "abc", "daqp", "paper", "cold", "daqp 1.0", "a machine", 1.0)
 TIMES = np.array(
     [
@@ -222,7 +222,7 @@ def test_an_empty_folder_has_no_rows(tmp_path: Path) -> None:
 
 HOLD = """
 import sys, time
-from harness.store import Store
+from harness.results.store import Store
 store = Store(sys.argv[1])
 print("held", flush=True)
 time.sleep(60)
@@ -412,9 +412,9 @@ def test_a_disk_that_refuses_is_told_in_one_line_and_costs_nothing(
 
 FULL = """
 import resource, sys
-from harness.store import Store, StoreError
-from tests.fake_recordings import fake_recording
-from tests.test_store import shard
+from harness.results.store import Store, StoreError
+from tests.fakes.fake_recordings import fake_recording
+from tests.harness.results.test_store import shard
 store = Store(sys.argv[1])
 store.save(shard(passes=1))
 resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))

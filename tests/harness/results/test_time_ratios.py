@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.time_ratios import LEAST_SPREAD, Run, TimeRatios, time_ratios
+from harness.results.time_ratios import LEAST_SPREAD, Run, TimeRatios, time_ratios
 
 SOLVERS = ("lotstedt", "lotstedt[exact_qr]", "daqp", "osqp", "piqp")
 PLACES = (("fig4", "high"), ("fig4", "paper"))

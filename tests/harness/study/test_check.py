@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks.forged_recordings import forge
-from harness import check
-from harness.check import check_recording, check_scene, check_solver, odd_qps
-from harness.cli import app
-from harness.record import record
-from harness.recording import write_recording
+from glambda.cli import app
+from harness.recordings.recording import write_recording
+from harness.study.check import check_recording, check_scene, check_solver, odd_qps
+from harness.study.record import record
+from harness.study.study import check
 from problems import scene as make_scene
 from solvers import registry
-from tests.crooked import CROOKED
-from tests.runs import one_box
+from tests.endurance.forged_recordings import forge
+from tests.fakes.crooked import CROOKED
+from tests.fakes.runs import one_box
 
 
 @pytest.fixture(autouse=True)

@@ -13,13 +13,13 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from harness.cluster import ClusterError, connected, do_job, replay_on
-from harness.machine import problems_version, solver_version
-from harness.recording import write_recording
-from harness.replay import replay
-from harness.store import TIMES as SHARD_TIMES
-from harness.store import read_results
-from tests.fake_recordings import fake_recording
+from harness.machine.machine import problems_version, solver_version
+from harness.recordings.recording import write_recording
+from harness.results.store import TIMES as SHARD_TIMES
+from harness.results.store import read_results
+from harness.study.cluster import ClusterError, connected, do_job, replay_on
+from harness.study.replay import replay
+from tests.fakes.fake_recordings import fake_recording
 
 pytest.importorskip("distributed")
 
@@ -114,6 +114,6 @@ def test_a_worker_of_other_code_is_refused(tmp_path: Path) -> None:
 
 
 def test_nobody_at_the_address_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("harness.cluster.PATIENCE", 0.5)
+    monkeypatch.setattr("harness.study.cluster.PATIENCE", 0.5)
     with pytest.raises(ClusterError, match="no scheduler answers"), connected("127.0.0.1:1"):
         pass

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from harness.cli import app
+from glambda.cli import app
 from problems import Scene, scene
-from problems.bodies import box
+from problems.bodies.bodies import box
 from problems.scenes import registry as scenes
 from solvers import make_solver
 from solvers import registry as solvers
@@ -50,7 +50,7 @@ def declared(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, dict[str, st
 
 def test_plug_ins_are_listed_and_made(declared: dict[str, dict[str, str]]) -> None:
     declared[SOLVERS]["mine"] = "solvers.active_set.method:Lotstedt"
-    declared[SCENES]["lone"] = "tests.test_plugins:lone_box"
+    declared[SCENES]["lone"] = "tests.harness.study.test_plugins:lone_box"
     assert "mine" in CliRunner().invoke(app, ["solvers"]).stdout
     listed = CliRunner().invoke(app, ["scenes"]).stdout
     assert "lone" in listed and "A box of our own." in listed
@@ -65,11 +65,16 @@ def test_plug_ins_are_listed_and_made(declared: dict[str, dict[str, str]]) -> No
         (SOLVERS, "daqp", "a:B", lambda: make_solver("daqp"), "two solvers are called 'daqp'"),
         (SCENES, "fig2", "a:b", lambda: scene("fig2"), "two scenes are called 'fig2'"),
         (
-            *(SCENES, "odd", "tests.test_plugins:no_scene", lambda: scene("odd")),
+            *(SCENES, "odd", "tests.harness.study.test_plugins:no_scene", lambda: scene("odd")),
             "'odd' made a int, not a problems.Scene",
         ),
         (
-            *(SOLVERS, "odd", "tests.test_plugins:NO_SOLVER", lambda: make_solver("odd")),
+            *(
+                SOLVERS,
+                "odd",
+                "tests.harness.study.test_plugins:NO_SOLVER",
+                lambda: make_solver("odd"),
+            ),
             "is not a class derived from solvers.base.Solver",
         ),
     ],

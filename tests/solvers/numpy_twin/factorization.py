@@ -31,8 +31,8 @@ from solvers.active_set.flops import (
     delete_flops,
     insert_flops,
 )
-from tests.numpy_twin.conjugate_gradients import conjugate_gradients, solve_R
-from tests.numpy_twin.tally import delete_many_flops
+from tests.solvers.numpy_twin.conjugate_gradients import conjugate_gradients, solve_R
+from tests.solvers.numpy_twin.tally import delete_many_flops
 
 Positions = NDArray[np.intp]
 

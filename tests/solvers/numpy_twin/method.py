@@ -64,8 +64,8 @@ from solvers.active_set.flops import (
     triangular_flops,
 )
 from solvers.base import Answer, Form, Solver, Start
-from tests.numpy_twin.conjugate_gradients import conjugate_gradients, solve_R
-from tests.numpy_twin.factorization import (
+from tests.solvers.numpy_twin.conjugate_gradients import conjugate_gradients, solve_R
+from tests.solvers.numpy_twin.factorization import (
     UNIT_ROUNDOFF,
     Factorization,
     Positions,
@@ -73,14 +73,14 @@ from tests.numpy_twin.factorization import (
     qr_factorize,
     qr_insert,
 )
-from tests.numpy_twin.start import (
+from tests.solvers.numpy_twin.start import (
     ScaledQP,
     carry_factorization,
     free_rows,
     initial_point,
     scale_qp,
 )
-from tests.numpy_twin.tally import Tally
+from tests.solvers.numpy_twin.tally import Tally
 
 SHARE = 0.1
 """Part of ε₀ that the direction and the signs may each take."""

@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 
 from problems.qp import AT_LOWER, AT_UPPER, FREE, ContactQP, Vector
 from solvers.base import Start
-from tests.numpy_twin.factorization import (
+from tests.solvers.numpy_twin.factorization import (
     Factorization,
     Positions,
     qr_delete,
     qr_insert,
 )
-from tests.numpy_twin.tally import Tally
+from tests.solvers.numpy_twin.tally import Tally
 
 
 class ScaledQP(NamedTuple):

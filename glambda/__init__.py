@@ -1,0 +1,84 @@
+"""Rigid bodies in contact by Lötstedt's 1984 method, and a fair replay of their QPs.
+
+    import glambda
+
+    run = glambda.simulate("fig4")                             # by the paper's method
+    recording = glambda.record("fig4", until=1.0)              # every QP, with its reference
+    solver = glambda.make_solver("daqp", accuracy=1e-9)
+    verdict = glambda.judge(recording.qps[0], solver.solve(recording.qps[0]).x)
+
+Names are loaded from their packages on first use: `import glambda` itself loads nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from glambda.by_name import record as record
+    from glambda.by_name import simulate as simulate
+    from harness.judging.judge import Judgement as Judgement
+    from harness.judging.judge import judge as judge
+    from harness.recordings.recording import Recording as Recording
+    from harness.recordings.recording import read_recording as read_recording
+    from harness.recordings.recording import write_recording as write_recording
+    from harness.study.replay import replay as replay
+    from problems.bodies.bodies import Body as Body
+    from problems.bodies.bodies import box as box
+    from problems.bodies.bodies import polygon_body as polygon_body
+    from problems.bodies.forces import Force as Force
+    from problems.bodies.forces import Gravity as Gravity
+    from problems.bodies.forces import Impulse as Impulse
+    from problems.bodies.forces import Load as Load
+    from problems.bodies.forces import SpringDamper as SpringDamper
+    from problems.contacts.geometry import HalfPlane as HalfPlane
+    from problems.qp import ContactQP as ContactQP
+    from problems.qp import Solution as Solution
+    from problems.qp import Status as Status
+    from problems.scenes import Scene as Scene
+    from problems.scenes import describe_scene as describe_scene
+    from problems.scenes import scene as scene
+    from problems.scenes import scene_names as scene_names
+    from problems.sequence import SimulationError as SimulationError
+    from problems.stepping.run import Run as Run
+    from solvers.base import Answer as Answer
+    from solvers.base import Solver as Solver
+    from solvers.base import Start as Start
+    from solvers.base import Unsupported as Unsupported
+    from solvers.registry import make_solver as make_solver
+    from solvers.registry import solver_names as solver_names
+
+HOMES = {
+    "glambda.by_name": "record simulate",
+    "harness.judging.judge": "Judgement judge",
+    "harness.recordings.recording": "Recording read_recording write_recording",
+    "harness.study.replay": "replay",
+    "problems.bodies.bodies": "Body box polygon_body",
+    "problems.bodies.forces": "Force Gravity Impulse Load SpringDamper",
+    "problems.contacts.geometry": "HalfPlane",
+    "problems.qp": "ContactQP Solution Status",
+    "problems.scenes": "Scene describe_scene scene scene_names",
+    "problems.sequence": "SimulationError",
+    "problems.stepping.run": "Run",
+    "solvers.base": "Answer Solver Start Unsupported",
+    "solvers.registry": "make_solver solver_names",
+}
+"""Module → its public names."""
+_HOME = {name: module for module, names in HOMES.items() for name in names.split()}
+__all__ = sorted([*_HOME, "__version__"])
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib import metadata
+
+        return metadata.version("glambda")
+    if name not in _HOME:
+        raise AttributeError(f"module 'glambda' has no attribute {name!r}")
+    value = globals()[name] = getattr(importlib.import_module(_HOME[name]), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,5 @@
+"""`python -m glambda`: the command line."""
+
+from glambda.cli import main
+
+main()

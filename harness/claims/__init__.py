@@ -1,0 +1,1 @@
+"""Campaigns about single claims: growth, stability, convergence, Painlevé."""

@@ -1,0 +1,1 @@
+"""The judge, apart from the judged: bounds, references, proofs, physics."""

@@ -1,0 +1,1 @@
+"""Closed loop: backends that drive the motion."""

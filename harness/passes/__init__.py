@@ -1,0 +1,1 @@
+"""One pass of a solver over a recording: what it starts from, limits, measurement."""

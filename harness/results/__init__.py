@@ -1,0 +1,1 @@
+"""Rows and their shards: stored, resumed, compared."""

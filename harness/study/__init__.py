@@ -1,0 +1,1 @@
+"""Studies: record, replay, verify and all of it at once, here or on a cluster."""

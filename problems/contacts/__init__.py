@@ -1,0 +1,1 @@
+"""Contacts: geometry, candidates, who touches whom, the columns of G."""

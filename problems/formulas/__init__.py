@@ -1,0 +1,1 @@
+"""Formulas of the steps: multistep methods and their kernels."""

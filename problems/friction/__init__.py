@@ -1,0 +1,1 @@
+"""Friction and impulses: rules, passes, Coulomb's law as an LCP."""

@@ -1,0 +1,1 @@
+"""How kernels are compiled, and the room that they work in."""

@@ -1,0 +1,1 @@
+"""Multipliers of least norm (4.8), and when they are needed."""

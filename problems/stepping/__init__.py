@@ -1,0 +1,1 @@
+"""Algorithm 1: the stepper, its velocity step, events, compiled quiet steps."""

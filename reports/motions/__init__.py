@@ -1,0 +1,1 @@
+"""Reports on motions: frames, closed loops."""

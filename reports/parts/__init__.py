@@ -1,0 +1,1 @@
+"""What every report is put together from: tables, names, sentences, style."""

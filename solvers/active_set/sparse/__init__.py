@@ -1,0 +1,1 @@
+"""The method where A is sparse."""
