@@ -117,8 +117,8 @@ def contest(name: str, setting: str, sequences: Path) -> None:
 
 def write_sequences(labels: Sequence[str], path: Path) -> None:
     """Simulate the scenes and keep their QPs as plain arrays, which every version can read."""
-    from harness.study.study import parse_label
     from problems import scene, simulate
+    from problems.scenes.labels import parse_label
     from solvers import make_solver
 
     kept: dict[str, Any] = {}

@@ -36,12 +36,12 @@ import numpy as np
 import pandas as pd
 import scipy.sparse as sp
 
-from harness.motions.in_loop import METHOD
+from harness.names import METHOD
 from harness.passes.measure import run_pass
 from harness.passes.starts import ARMS
-from harness.study.study import parse_label
 from problems import ContactQP, Solution, scene, simulate
 from problems.qp import Matrix, WorkCounts
+from problems.scenes.labels import parse_label
 from solvers import make_solver
 from solvers.active_set.method import VARIANTS
 

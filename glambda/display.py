@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,9 +12,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from harness.recordings.recording import Recording, Reference
+from harness.recordings.recording import Recording
 from harness.study.verify import ACCURATE_CLASS
 from problems.qp import KINDS
+from reports.parts.terminal_table import terminal_table
+from reports.sections.protocol import proofs
 from solvers.registry import SolverInfo
 
 EVENTS_SHOWN = 5
@@ -26,26 +28,9 @@ WEDGED = "; impulses without friction (mu_I = 0) leave wedged bodies sliding, an
 """What a jam is, and where most come from: with mu_I = mu they are rare."""
 
 
-def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> Table:
-    """A plain table; columns whose name starts with ">" are set to the right."""
-    made = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False)
-    for name in columns:
-        right = name.startswith(">")
-        # Names are read whole or not at all; only the last column may wrap.
-        made.add_column(
-            name.lstrip(">"),
-            justify="right" if right else "left",
-            no_wrap=name != columns[-1],
-            header_style="dim",
-        )
-    for row in rows:
-        made.add_row(*(Text(str(value)) for value in row))
-    return made
-
-
 def scenes_table(described: Mapping[str, tuple[str, Mapping[str, Any]]]) -> Table:
     """Scenes with what they are and their parameters."""
-    return table(
+    return terminal_table(
         "Scenes",
         ("name", "what it is and its parameters"),
         (
@@ -57,7 +42,7 @@ def scenes_table(described: Mapping[str, tuple[str, Mapping[str, Any]]]) -> Tabl
 
 def solvers_table(described: Sequence[SolverInfo]) -> Table:
     """Solvers that are here, with what they are fed and what a warm start carries."""
-    return table(
+    return terminal_table(
         "Solvers (* held to miss no A x at all)",
         ("name", "version", "what it is, is fed, carries over and adds"),
         (
@@ -117,20 +102,6 @@ def print_recording(console: Console, recording: Recording, path: str) -> None:
         console.print(Text(f"{name:15s} {value}"), soft_wrap=True)
 
 
-def proofs(references: Iterable[Reference | None]) -> str:
-    """How many references rest on what."""
-    words = {
-        "exact": "proved in exact arithmetic",
-        "bound": "within the error bound",
-        "nearby": "within the error bound of a QP that differs by rounding",
-        "ill-posed": "within the error bound of an ill-posed QP",
-        "none": "without a reference",
-    }
-    rests_on = ["none" if r is None else r.proof for r in references]
-    parts = [f"{rests_on.count(p)} {text}" for p, text in words.items() if p in rests_on]
-    return f"of {len(rests_on)}, " + ", ".join(parts)
-
-
 def _motion(recording: Recording) -> str:
     if not len(recording.t):
         return "none"
@@ -164,7 +135,7 @@ def print_run(console: Console, run: Any) -> None:
     last = run.trajectory.tail(run.q.shape[1])
     names = ["body", "x", "y", "phi", "vx", "vy", "omega"]
     console.print(
-        table(
+        terminal_table(
             "",
             tuple(f">{name}" for name in names),
             ([int(row[0]), *(f"{v:z.4f}" for v in row[1:])] for row in last[names].to_numpy()),
@@ -194,7 +165,7 @@ def replay_table(rows: pd.DataFrame) -> Table:
         *("solver", "setting", "arm", ">solved", ">skipped", ">verified", ">undecided"),
         *(">max error", ">µs"),
     )
-    return table("Replayed (error: ‖A(x − x*)‖/scale; µs: median per QP)", columns, lines)
+    return terminal_table("Replayed (error: ‖A(x − x*)‖/scale; µs: median per QP)", columns, lines)
 
 
 def _share(part: int, whole: int) -> str:
@@ -208,7 +179,7 @@ def _share(part: int, whole: int) -> str:
 
 def misses_table(lines: pd.DataFrame, title: str) -> Table:
     """Lines of `harness.study.verify.misses`."""
-    return table(
+    return terminal_table(
         title,
         (
             *("scene", "solver", "setting", ">solved", ">skipped", ">missed", ">expected"),

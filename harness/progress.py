@@ -3,33 +3,34 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from rich import progress as bars
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from harness.study.record import Progress as Tell
+Progress = Callable[[str, float, float], None]
+"""Called with what is being done, how much of it is done, and how much there is."""
 
 LINE_EVERY = 20.0
 """Seconds between two lines where there is no terminal."""
 
 
 @contextmanager
-def shown(title: str, console: Console) -> Iterator[Tell]:
+def shown(title: str, console: Console) -> Iterator[Progress]:
     """Show the progress that is told to the callable, under `title`, until the block ends."""
     if not console.is_terminal:
         yield _Lines(title, console)
         return
     columns = (
-        TextColumn("{task.fields[title]}", markup=False),
-        BarColumn(),
-        TextColumn("{task.percentage:3.0f} %"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.description}", style="dim", markup=False),
+        bars.TextColumn("{task.fields[title]}", markup=False),
+        bars.BarColumn(),
+        bars.TextColumn("{task.percentage:3.0f} %"),
+        bars.TimeElapsedColumn(),
+        bars.TimeRemainingColumn(),
+        bars.TextColumn("{task.description}", style="dim", markup=False),
     )
-    with Progress(*columns, console=console, transient=True, refresh_per_second=5) as bar:
+    with bars.Progress(*columns, console=console, transient=True, refresh_per_second=5) as bar:
         task = bar.add_task("", total=None, title=title)
 
         def tell(what: str, done: float, total: float) -> None:

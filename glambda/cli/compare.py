@@ -95,9 +95,9 @@ def tables(changes: Changes, every: bool) -> list[Table]:
 
 def solvers_table(changes: Changes) -> Table:
     """The runs of each solver taken together."""
-    from glambda.display import table
+    from reports.parts.terminal_table import terminal_table
 
-    return table(
+    return terminal_table(
         "Solvers: time relative to the machine",
         ("solver", ">ratio", ">interval", "change"),
         ((solver, *_ratio(ratio)) for solver, ratio in changes.ratios.solvers.items()),
@@ -106,9 +106,9 @@ def solvers_table(changes: Changes) -> Table:
 
 def runs_table(times: pd.DataFrame) -> Table:
     """Runs with their times."""
-    from glambda.display import table
+    from reports.parts.terminal_table import terminal_table
 
-    return table(
+    return terminal_table(
         "Runs: time relative to the machine (µs: median over the QPs)",
         (*RUN, ">QPs", ">µs before", ">after", ">ratio", ">interval", "change"),
         (
@@ -120,9 +120,9 @@ def runs_table(times: pd.DataFrame) -> Table:
 
 def counts_table(counts: pd.DataFrame) -> Table:
     """Sums of work counts."""
-    from glambda.display import table
+    from reports.parts.terminal_table import terminal_table
 
-    return table(
+    return terminal_table(
         "Work counts that differ (sums over the QPs)",
         (*RUN, "work", ">before", ">after", ">ratio", "change"),
         (
@@ -134,9 +134,9 @@ def counts_table(counts: pd.DataFrame) -> Table:
 
 def verdicts_table(verdicts: pd.DataFrame) -> Table:
     """Verdicts of QPs."""
-    from glambda.display import table
+    from reports.parts.terminal_table import terminal_table
 
-    return table(
+    return terminal_table(
         "Verdicts that differ",
         (*RUN, "before", "after", ">QPs", "change"),
         (

@@ -47,7 +47,7 @@ def closed_loop(
     """
     from harness.motions.closed_loop import Plan, close_loops
     from harness.progress import shown
-    from harness.study.study import PAPER_SCENES
+    from problems.scenes.labels import PAPER_SCENES
     from reports.motions.closed_loop import print_closed_loop, write_closed_loop
 
     plan = Plan(

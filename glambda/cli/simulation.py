@@ -58,9 +58,9 @@ def simulate(
     """
     from glambda.display import print_run
     from harness.progress import shown
-    from harness.study.study import parse_label, parse_settings
     from problems import scene as make_scene
     from problems import simulate as run_scene
+    from problems.scenes.labels import parse_label, parse_settings
     from problems.sequence import SimulationError
     from solvers import make_solver
 
@@ -185,8 +185,8 @@ def recorded(
     from harness.study.kept_recording import first_difference, how_run, kept_recording
     from harness.study.record import record as record_scene
     from harness.study.record import recording_label
-    from harness.study.study import PAPER_SCENES, parse_label, parse_settings
     from problems import scene as make_scene
+    from problems.scenes.labels import PAPER_SCENES, parse_label, parse_settings
 
     named = [parse_label(label) for label in labels or PAPER_SCENES]
     extra = parse_settings(settings or [])

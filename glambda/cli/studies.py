@@ -59,7 +59,8 @@ def study(
     from glambda.display import replay_table
     from harness.progress import shown
     from harness.results.store import read_results
-    from harness.study.study import PAPER_SCENES, QUICK, Plan, run_study
+    from harness.study.study import QUICK, Plan, run_study
+    from problems.scenes.labels import PAPER_SCENES
     from reports.page.page import write_report
 
     plan = QUICK if quick else Plan()

@@ -27,7 +27,7 @@ from harness.claims.reference_motion import (
     run_case,
 )
 from harness.claims.stabilization import ROUNDS, compare_rules
-from harness.study.record import Progress
+from harness.progress import Progress
 from problems.sequence import SolvesQPs
 
 SWEEP = tuple(float(f"{10 ** (-k / 2):.2g}") for k in range(4, 13))

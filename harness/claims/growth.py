@@ -32,14 +32,15 @@ import numpy as np
 import pandas as pd
 import scipy.sparse as sp
 
+from harness.progress import Progress
 from harness.recordings.recording import Recording
 from harness.study.kept_recording import how_run, recording_in
-from harness.study.record import Progress, recording_of
+from harness.study.record import recording_of
 from harness.study.replay import replay
-from harness.study.study import parse_label
 from problems import ContactQP, simulate
 from problems import scene as make_scene
 from problems.qp import Matrix
+from problems.scenes.labels import parse_label
 from solvers import available_solvers, make_solver
 from solvers.active_set.method import CROSSOVER
 from solvers.registry import solver_class

@@ -17,7 +17,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from harness.claims.slide import STEEPEST, growth, rod_of_gain, slide_of
-from harness.study.record import Progress
+from harness.progress import Progress
 from problems import Run, scene, simulate
 from problems.friction.rules import FrictionRule
 from problems.qp import Vector

@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from harness.motions.hermite import hermite
 from harness.motions.motion_error import displacement, motion_of
 from harness.peers.ours import BOUNDED, FIRST_STEP, LARGEST_BOUND, LARGEST_STEP, SHARE
-from harness.study.study import parse_label
 from problems import Run, Scene, scene, simulate
 from problems.qp import Vector
+from problems.scenes.labels import parse_label
 from problems.sequence import SolvesQPs
 
 REFERENCE = 1e-8

@@ -29,7 +29,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from harness.study.record import Progress
+from harness.progress import Progress
 from problems import Scene, simulate
 from problems.bodies.bodies import box
 from problems.bodies.forces import SpringDamper

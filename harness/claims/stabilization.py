@@ -15,7 +15,7 @@ import pandas as pd
 
 from harness.claims.reference_motion import Case, Reference, run_case
 from harness.motions.run_physics import energy, last_answers, loaded_gaps, overlap
-from harness.study.record import Progress
+from harness.progress import Progress
 from problems import Run
 from problems.qp import Vector
 from problems.sequence import SolvesQPs

@@ -72,8 +72,8 @@ from harness.criterion.factor_rules import (
 )
 from harness.criterion.unit_times import UnitTimes, fit_unit_times
 from harness.machine.threads import one_thread
+from harness.progress import Progress
 from harness.recordings.recording import Recording
-from harness.study.record import Progress
 from solvers.active_set.unit_costs import UnitCosts
 
 SWEEP = (1, 2, 3, 5, 8, 12, 18, 25, 40, 60, 100, inf)

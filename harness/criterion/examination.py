@@ -19,8 +19,8 @@ from harness.criterion.enumeration_growth import SIZES, randomly, recorded
 from harness.criterion.estimates import Estimates, estimates_of
 from harness.criterion.kept_factors import kept_factors, no_runs
 from harness.criterion.minimum_norm_ways import MinimumNormWays, minimum_norm_ways
+from harness.progress import Progress
 from harness.recordings.recording import Recording
-from harness.study.record import Progress
 
 
 @dataclass(frozen=True, eq=False)

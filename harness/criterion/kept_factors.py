@@ -37,11 +37,11 @@ import pandas as pd
 from harness.criterion.factor_rules import Link, sequence
 from harness.judging.judge import VERIFIED_WITHIN
 from harness.machine.threads import one_thread
-from harness.motions.in_loop import METHOD
+from harness.names import METHOD
 from harness.recordings.recording import Recording
 from problems.qp import Solution
 from solvers import describe, make_solver
-from solvers.adapters.posed import Built, Native, PackageSolver, same_pattern
+from solvers.adapters.package import Built, Native, PackageSolver, same_pattern
 from solvers.base import Solver, Start
 
 INTERVALS = (1, 2, 5, 10, 20, inf)

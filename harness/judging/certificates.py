@@ -16,8 +16,8 @@ import pandas as pd
 
 from harness.judging.error_bound import error_bound
 from harness.judging.facts import Facts, facts_of
+from harness.progress import Progress
 from harness.recordings.recording import Recording
-from harness.study.record import Progress
 from problems.qp import Vector, positions_of
 
 SIZES = (1e-12, 1e-9, 1e-6, 1e-3, 1.0)

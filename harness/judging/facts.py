@@ -23,7 +23,7 @@ from scipy.optimize import linprog
 from harness.judging.contact_rows import ContactRows, contact_rows
 from harness.judging.proof import Proof, prove
 from harness.judging.span import Basis, Flags, Span, SparseSpan, span_of
-from problems.least_norm.minimum_norm import surely_independent
+from problems.least_norm.independence import surely_independent
 from problems.qp import ContactQP, Matrix, Vector
 
 RANK_TOL = 1e-10

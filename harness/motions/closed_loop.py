@@ -31,14 +31,15 @@ import pandas as pd
 
 from harness.files.folder_lock import sole_writer
 from harness.judging.facts import SETTINGS
-from harness.motions.in_loop import EXACT, METHOD, SLOPPY, check_backend
+from harness.motions.in_loop import EXACT, SLOPPY, check_backend
 from harness.motions.isolated_loops import run_isolated
 from harness.motions.loop import Loop, LoopResult
 from harness.motions.loop_store import load_loop
 from harness.motions.motion_error import Motion, PoseError, match_events, pose_error
-from harness.study.record import Progress
-from harness.study.study import PAPER_SCENES, parse_label
+from harness.names import METHOD
+from harness.progress import Progress
 from problems import scene as make_scene
+from problems.scenes.labels import PAPER_SCENES, parse_label
 from solvers import available_solvers
 
 SWEEP = ("1e-4x", "1e-3x", "0.01x", "0.1x", "1x", "10x", "100x", "1000x", "1e4x")

@@ -32,6 +32,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from harness.judging.facts import facts_of, setting_name
+from harness.names import METHOD
 from problems.qp import ContactQP, Solution, Vector
 from problems.sequence import SolvesQPs
 from solvers import make_solver
@@ -39,8 +40,6 @@ from solvers.base import Unsupported
 
 EXACT = "1e-12"
 """The setting at which the paper's method counts as exact."""
-METHOD = "lotstedt"
-"""The paper's method; its variants are called `lotstedt[variant]`."""
 NOISES = ("any", "free", "inside", "more", "less")
 """Kinds of sloppiness."""
 SLOPPY = tuple(f"sloppy[{noise}]" for noise in NOISES)

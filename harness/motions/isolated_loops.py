@@ -23,7 +23,7 @@ from typing import Any
 from harness.motions.loop import Loop, LoopResult, run_loop
 from harness.motions.loop_store import load_loop, loop_path, write_loop
 from harness.processes.live_process import cause_of_death
-from harness.study.record import Progress
+from harness.progress import Progress
 
 POLL = 0.2
 """Seconds between two looks at what is running."""

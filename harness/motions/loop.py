@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from harness.motions.in_loop import InLoop
 from harness.motions.motion_error import Motion, motion_of
 from harness.motions.run_physics import accuracy_of_answers, physics_of
-from harness.study.study import parse_label
 from problems import Run, simulate
 from problems import scene as make_scene
+from problems.scenes.labels import parse_label
 from problems.sequence import SimulationError
 
 VERDICTS = ("finished", "stopped", "refused", "timeout", "crashed")

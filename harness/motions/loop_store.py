@@ -30,9 +30,9 @@ from harness.files.sealed_parquet import (
 from harness.files.whole_files import write_whole
 from harness.machine.machine import machine_label, problems_version, solver_version, source_hash
 from harness.motions import in_loop, run_physics
-from harness.motions.in_loop import METHOD
 from harness.motions.loop import VERDICTS, Loop, LoopResult
 from harness.motions.motion_error import Motion
+from harness.names import METHOD
 from harness.results.store import StoreError
 from problems.qp import Vector
 from problems.stepping.run import Event

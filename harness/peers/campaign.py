@@ -27,7 +27,7 @@ from harness.machine.machine import machine_label
 from harness.peers import ENGINES, OURS, EngineInfo, describe_engine, engine_class, engine_version
 from harness.peers.tasks import DEFAULT, Task, digest_of, tasks_of
 from harness.peers.worker import Worker
-from harness.study.record import Progress
+from harness.progress import Progress
 
 LIMIT = 60.0
 """Time that one pass may take [s]."""

@@ -21,9 +21,9 @@ import numpy as np
 
 from harness.peers.base import REST_STEP
 from harness.peers.ours import NO_TIME
-from harness.study.study import parse_label
 from problems import Scene, simulate
 from problems import scene as make_scene
+from problems.scenes.labels import parse_label
 from solvers import make_solver
 
 Kind = Literal["motion", "whole", "rest"]

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.machine.threads import one_thread
+from harness.passes.limits import WARM_UP, Pass
 from harness.passes.measure import Outcome, Watch, pose, run_pass
-from harness.processes.isolate import WARM_UP, Pass, Task
+from harness.processes.isolate import Task
 from harness.recordings.recording import Recording
 from solvers import make_solver
 

@@ -32,21 +32,16 @@ from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.passes.limits import WARM_UP, Limits, Pass, Task, hard_limit
 from harness.passes.measure import DISTURBED, Outcome
 from harness.passes.starts import after_restart, order_of
-from harness.processes.live_process import Loss, Process, Server, ServerLost, Task, server
+from harness.processes.live_process import Loss, Process, Server, ServerLost, server
 from harness.processes.sheet import Layout, Sheet
 from harness.recordings.recording import Recording
 
-TIME_LIMIT, MEMORY_LIMIT = 1.0, 4.0
-"""`Limits` if nothing else is said [s, GiB]."""
-WARM_UP = 1.0
-"""Longest warm-up of a process [s]."""
 FIRST_CALL = 20.0
 """What the first solve of a process may take beyond the limit [s]."""
 STANDSTILL = 60.0
@@ -65,35 +60,6 @@ GIB = 2.0**30
 def is_available() -> bool:
     """Whether processes can be forked here."""
     return hasattr(os, "fork")
-
-
-def hard_limit(time_limit: float) -> float:
-    """Seconds after which a solve is killed; `time_limit` itself is looked at after the call."""
-    return 10.0 * time_limit + 1.0
-
-
-class Limits(NamedTuple):
-    """What a solver may take: time [s] per solve, and memory [GiB] beyond what it starts with."""
-
-    time: float
-    memory: float
-
-
-class Pass(NamedTuple):
-    """What came of a pass.
-
-    outcomes : one per QP;  times : (n, 4) [s] build, setup, solve, call, NaN where unknown
-    lost : the QPs that have cost a process
-    """
-
-    outcomes: Sequence[Outcome]
-    times: NDArray[np.float64]
-    lost: Sequence[int] = ()
-
-    @property
-    def is_final(self) -> bool:
-        """Whether nothing of it was disturbed."""
-        return not any(outcome.status_text.startswith(DISTURBED) for outcome in self.outcomes)
 
 
 class Block:

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from harness.machine.threads import VARIABLES
+from harness.passes.limits import Task
 from solvers.registry import target_of
 
 PATIENCE = 60.0
@@ -37,14 +38,6 @@ class IsolationError(RuntimeError):
 
 class ServerLost(Exception):
     """The server is gone, and every process with it."""
-
-
-class Task(NamedTuple):
-    """What a process does: a solver by name, its options as (name, value) pairs, in an arm."""
-
-    solver: str
-    options: tuple[tuple[str, Any], ...]
-    arm: str
 
 
 class Loss(NamedTuple):

@@ -38,8 +38,8 @@ from harness.files.folder_lock import lock_folder
 from harness.files.json_file import read_json, sealed_json
 from harness.files.plain_files import Unreadable
 from harness.files.whole_files import clear_leftovers, write_whole
+from harness.passes.limits import TIME_LIMIT
 from harness.passes.measure import DISTURBED
-from harness.processes.isolate import TIME_LIMIT
 from harness.recordings.recording import Recording, RecordingError, read_recording, write_recording
 from harness.results.shard_file import (
     COLUMNS,

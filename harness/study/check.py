@@ -32,11 +32,11 @@ from harness.passes.starts import ARMS
 from harness.recordings.recording import Recording, RecordingError, read_recording, write_recording
 from harness.study.record import record, recording_of
 from harness.study.replay import replay
-from harness.study.study import parse_label
 from problems import ContactQP, simulate
 from problems import scene as make_scene
 from problems.qp import Solution, Status
 from problems.scenes import Scene
+from problems.scenes.labels import parse_label
 from solvers import make_solver
 
 SCENES = (("fig3", 1.2), ("fig4", 0.6))

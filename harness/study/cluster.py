@@ -33,12 +33,12 @@ import pandas as pd
 
 from harness.judging.facts import setting_names
 from harness.machine.machine import problems_version, solver_version
+from harness.passes.limits import MEMORY_LIMIT, TIME_LIMIT
 from harness.passes.starts import has_arm
-from harness.processes.isolate import MEMORY_LIMIT, TIME_LIMIT
 from harness.processes.live_process import server
+from harness.progress import Progress
 from harness.recordings.recording import Recording, read_recording
 from harness.results.store import ShardKey, Store, read_results
-from harness.study.record import Progress
 from harness.study.replay import is_done, replay
 from solvers.registry import solver_class
 

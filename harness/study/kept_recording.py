@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from harness.motions.in_loop import METHOD
+from harness.names import METHOD
 from harness.recordings.recording import Recording, RecordingError, read_recording, write_recording
 from harness.results.store import Store
 from harness.study.record import code_version

@@ -6,21 +6,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from harness.judging.oracle import reference
 from harness.machine.machine import problems_version, solver_version
+from harness.progress import Progress
 from harness.recordings.recording import Recording
 from problems import simulate
 from problems.qp import TANGENT, ContactQP, Vector
 from problems.stepping.run import Event
 from solvers import make_solver
-
-Progress = Callable[[str, float, float], None]
-"""Called with what is being done, how much of it is done, and how much there is."""
 
 
 def record(

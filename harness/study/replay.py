@@ -33,22 +33,14 @@ from harness.judging.judge import judge
 from harness.judging.physics import MEASURES
 from harness.machine.calibration import calibrate
 from harness.machine.machine import machine_label, solver_version
+from harness.passes.limits import MEMORY_LIMIT, TIME_LIMIT, Limits, Pass, hard_limit
 from harness.passes.measure import Outcome, believed, pose, run_pass
 from harness.passes.starts import ARMS, has_arm
 from harness.processes.in_process import InProcess
-from harness.processes.isolate import (
-    MEMORY_LIMIT,
-    TIME_LIMIT,
-    Block,
-    Limits,
-    Pass,
-    Task,
-    hard_limit,
-    is_available,
-)
+from harness.processes.isolate import Block, Task, is_available
+from harness.progress import Progress
 from harness.recordings.recording import Recording, read_recording
 from harness.results.store import SPENT, TIMES, Shard, ShardKey, Store, read_results
-from harness.study.record import Progress
 from problems.qp import WorkCounts
 from solvers import make_solver
 from solvers.registry import solver_class

@@ -22,8 +22,8 @@ import numpy as np
 
 from harness.judging.facts import DENSE_COLUMNS
 from harness.judging.oracle import reference
+from harness.progress import Progress
 from harness.recordings.recording import Recording, Reference
-from harness.study.record import Progress
 from problems.qp import ContactQP, Solution, Status, working_set_of
 
 ROUNDING = 1e-12

@@ -13,26 +13,25 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 from harness.judging.facts import SETTINGS
 from harness.machine.calibration import clock_facts
 from harness.machine.machine import library_versions, machine, solver_version
+from harness.passes.limits import TIME_LIMIT
 from harness.passes.starts import ARMS
-from harness.processes.isolate import TIME_LIMIT
+from harness.progress import Progress
 from harness.recordings.recording import Recording
 from harness.results.store import Store
 from harness.study.cluster import replayer
 from harness.study.kept_recording import how_run, recording_in
-from harness.study.record import Progress, record
+from harness.study.record import record
 from problems import scene as make_scene
+from problems.scenes.labels import PAPER_SCENES, parse_label
 from solvers import available_solvers, describe
 from solvers.active_set.method import VARIANTS as LOTSTEDT_VARIANTS
 
-PAPER_SCENES = ("fig2", "fig3", "fig4", "fig5")
 VARIANTS = tuple(f"lotstedt[{variant}]" for variant in LOTSTEDT_VARIANTS if variant)
 """Variants of the paper's method that the study compares with it."""
 
@@ -82,42 +81,6 @@ QUICK = Plan(
     only_installed=True,
 )
 """About a minute on two cores."""
-
-
-def parse_label(label: str) -> tuple[str, dict[str, Any]]:
-    """Scene name and parameters of a label such as "fig4,mu_I=0.8".
-
-    Raises ValueError for a parameter without a value.
-    """
-    name, *chosen = label.split(",")
-    return name, parse_settings(chosen)
-
-
-def parse_settings(pairs: Sequence[str]) -> dict[str, Any]:
-    """{name: value} of "name=value" strings; values become bool, int or float where they can.
-
-    Raises ValueError for a string without "=", or a name that comes twice.
-    """
-    values: dict[str, Any] = {}
-    for pair in pairs:
-        name, equals, text = (part.strip() for part in pair.partition("="))
-        if not (equals and name and text):
-            raise ValueError(f"{pair!r} is no setting; write name=value, such as mu_I=0.8")
-        if name in values:
-            raise ValueError(f"{name} is given twice, {values[name]} and {text}; give it once")
-        values[name] = _value(text)
-    return values
-
-
-def _value(text: str) -> Any:
-    if text.lower() in ("true", "false"):
-        return text.lower() == "true"
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    return text
 
 
 def record_into(

@@ -15,10 +15,10 @@ from pathlib import Path
 import pandas as pd
 
 from harness.passes.starts import ARMS
+from harness.progress import Progress
 from harness.recordings.recording import Recording, read_recording
 from harness.study.cluster import replayer
 from harness.study.expected_misses import ACCURATE_CLASS, expected_of
-from harness.study.record import Progress
 
 VERIFY_SETTINGS = ("paper", "high")
 TIME_LIMIT = 60.0

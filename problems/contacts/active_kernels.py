@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from problems.kernels.arena import zeros
 from problems.kernels.compiled import kernel
 from problems.qp import Indices, Vector
 
@@ -106,3 +107,15 @@ def without(contacts, leaving):
         *(place[stay], normal_ids[stay], bounded, lam[stay], lam_before[stay]),
         *(friction_ids[rub], first_left, mu[rub], signs[rub]),
     )
+
+
+@kernel
+def friction_bounds(friction_of, mu, lam_N, arena=None):
+    """μ Σ λ_N, the bound of each friction (F,)."""
+    bound = zeros(arena, mu.size)
+    for i in range(friction_of.size):
+        if friction_of[i] >= 0:
+            bound[friction_of[i]] += lam_N[i]
+    for j in range(mu.size):
+        bound[j] *= mu[j]
+    return bound

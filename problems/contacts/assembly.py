@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
+from problems.contacts.active_kernels import friction_bounds
 from problems.contacts.constraint_graph import ConstraintGraph
 from problems.contacts.geometry import Columns, Pose
 from problems.contacts.geometry_kernels import (
@@ -22,7 +23,6 @@ from problems.contacts.geometry_kernels import (
     sparse_columns,
 )
 from problems.contacts.layout import Layout
-from problems.friction.kernels import friction_bounds
 from problems.qp import Indices, Matrix, Vector
 
 DENSE_ENTRIES = 4_000

@@ -12,7 +12,7 @@ import numpy as np
 
 from problems.contacts.broad_phase import free_pairs
 from problems.contacts.geometry import CONTACT_TOL, Geometry
-from problems.formulas.step_kernels import largest_motion, sink_levels
+from problems.contacts.path_kernels import largest_motion, sink_levels
 from problems.qp import Indices, Vector
 
 MARGINS = ((8, 4.0), (30, 1.0), (np.inf, 0.25))

@@ -20,8 +20,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from problems.bodies.path import Path
 from problems.contacts.geometry import Geometry
-from problems.formulas.multistep import Path
 from problems.kernels.compiled import kernel
 from problems.qp import Indices, Vector
 

@@ -27,6 +27,7 @@ import numpy as np
 
 from problems.bodies.bodies import GROUND, Body
 from problems.bodies.checks import check_numbers
+from problems.bodies.path import Path
 from problems.bodies.shapes import cross, rotate_quarter
 from problems.contacts.broad_phase import near_corners
 from problems.contacts.geometry_kernels import (
@@ -38,7 +39,6 @@ from problems.contacts.geometry_kernels import (
     past_tip,
     place_corners,
 )
-from problems.formulas.multistep import Path
 from problems.qp import Indices, Vector
 
 CONTACT_TOL = 1e-3

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from problems.contacts.active_kernels import qp_columns
-from problems.least_norm.minimum_norm import IndependenceProof
+from problems.least_norm.independence import IndependenceProof
 from problems.qp import Indices, Vector
 
 

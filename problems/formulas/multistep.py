@@ -20,11 +20,11 @@ call nothing that is not.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from math import inf, sqrt
 
 import numpy as np
 
+from problems.bodies.path import Path
 from problems.qp import Vector
 
 GROWTH = 2.0
@@ -41,22 +41,6 @@ SAFETY = 0.9
 """Fraction of the step that (3.5) would allow."""
 FIRST_RATE = 0.5
 """ρ of (3.14) that is assumed until two passes have shown it."""
-
-
-@dataclass(frozen=True, eq=False)
-class Path:
-    """Positions along a step, q(h) = start + h velocity + h² curvature (3.1a)."""
-
-    start: Vector
-    velocity: Vector
-    curvature: Vector
-
-    def __call__(self, h: float) -> Vector:
-        return self.start + h * (self.velocity + h * self.curvature)
-
-    def rate(self, h: float) -> Vector:
-        """dq/dh, the velocity of the polynomial (not q̇_n)."""
-        return self.velocity + 2 * h * self.curvature
 
 
 class History:

@@ -11,6 +11,7 @@ from math import inf
 import numpy as np
 
 import problems.formulas.multistep as multistep
+from problems.contacts.active_kernels import friction_bounds
 from problems.contacts.geometry_kernels import column_speeds, column_sum, dense_columns
 from problems.formulas.multistep import FIRST_RATE
 from problems.formulas.step_kernels import momentum, outcome, weighted_norm
@@ -18,7 +19,6 @@ from problems.friction.kernels import (
     driven_forces,
     force_change,
     forced_signs,
-    friction_bounds,
     small_newton_multipliers,
 )
 from problems.kernels.arena import numbers, zeros

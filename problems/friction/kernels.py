@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from problems.contacts.active_kernels import friction_bounds
 from problems.contacts.geometry_kernels import column_product, column_sum, columns_product
 from problems.kernels.arena import numbers, zeros
 from problems.kernels.compiled import kernel
@@ -21,18 +22,6 @@ RIDGE = 1e-8
 does to λ_* grows with its inverse, and it hardly slows Newton's method."""
 SMALLEST_PIVOT = 1e-10
 """Pivots below this fraction of the largest ‖a_j‖² say that contacts are redundant."""
-
-
-@kernel
-def friction_bounds(friction_of, mu, lam_N, arena=None):
-    """μ Σ λ_N, the bound of each friction (F,)."""
-    bound = zeros(arena, mu.size)
-    for i in range(friction_of.size):
-        if friction_of[i] >= 0:
-            bound[friction_of[i]] += lam_N[i]
-    for j in range(mu.size):
-        bound[j] *= mu[j]
-    return bound
 
 
 @kernel

@@ -24,79 +24,24 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.linalg import norm
 from numpy.typing import ArrayLike
 from scipy.linalg.lapack import dgeqp3, dorgqr
-from scipy.sparse.linalg import splu
 
 from problems.kernels.arena import Arena
 from problems.kernels.compiled import Direct
 from problems.least_norm.compiled import least_norm as compiled_least_norm
-from problems.least_norm.independence import ACCURACY, RANK_TOL, SAFE_FRACTION, far_from_dependent
+from problems.least_norm.independence import (
+    ACCURACY,
+    RANK_TOL,
+    surely_independent,
+)
 from problems.least_norm.sparse_minimum_norm import SAME_FORCE, ridge_minimum_norm
-from problems.qp import FEATURE_FIELDS, LARGEST, ContactQP, Matrix, Vector
+from problems.qp import FEATURE_FIELDS, LARGEST, ContactQP, Vector
 from problems.sequence import QPSequence
 
 run_least_norm = Direct(compiled_least_norm)
 MANY_COLUMNS = 400
 """From this many columns on the sparse way is the faster one."""
-SPARSE_SAFE_FRACTION = 3e-7
-"""`SAFE_FRACTION` for a sparse A, as a fraction of its longest column."""
-
-
-class IndependenceProof:
-    """`surely_independent` of sparse matrices of one pattern, one after the other.
-
-    Where no singular value of A is below 2τ, none of another matrix is below 2τ − ‖their
-    difference‖_F (Weyl), so that what hardly moves need not be factorized again.
-    """
-
-    def __init__(self) -> None:
-        self._entries: Vector | None = None
-        self._room = 0.0
-
-    def holds(self, A: sp.csc_array) -> bool:
-        """Whether the columns of A are independent beyond doubt."""
-        # τ of today's A may be larger than that of the proof by its share of the difference
-        if self._entries is not None and 2 * norm(A.data - self._entries) <= self._room:
-            return True
-        self._entries = None
-        if surely_independent(A, 2.0):
-            columns = np.add.reduceat(A.data**2, A.indptr[:-1])
-            self._entries = A.data
-            self._room = SPARSE_SAFE_FRACTION * float(np.sqrt(columns.max()))
-            return True
-        return surely_independent(A)
-
-
-def surely_independent(A: Matrix, multiple: float = 1.0) -> bool:
-    """Whether the columns of A (m, k) are independent beyond doubt; False proves nothing.
-
-    With τ = `SAFE_FRACTION` ‖A‖_F, AᵀA − τ²I has Cholesky factors only if every singular value
-    exceeds τ: far above rounding, which is some k u ‖A‖² in AᵀA, and far above `RANK_TOL`.  An
-    entry of a sparse AᵀA is a sum of a few products, and a long chain of contacts has singular
-    values of 1/n², so that τ is smaller there.
-
-    multiple : of τ that is asked for
-    """
-    m, k = A.shape
-    if k == 0 or k > m:
-        return k == 0
-    if not sp.issparse(A):
-        return bool(far_from_dependent(A, multiple * SAFE_FRACTION))
-    normal = A.T @ A
-    shift = (multiple * SPARSE_SAFE_FRACTION) ** 2 * normal.diagonal().max()
-    try:
-        factors = splu(
-            sp.csc_matrix(normal - shift * sp.eye_array(k)),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
-    except RuntimeError:  # a pivot of 0
-        return False
-    symmetric = np.array_equal(factors.perm_r, factors.perm_c)
-    return symmetric and bool((factors.U.diagonal() > 0).all())
 
 
 def null_space(A: ArrayLike) -> Vector:

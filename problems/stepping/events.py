@@ -16,22 +16,14 @@ import numpy as np
 from scipy.optimize import brentq
 
 from problems.bodies.bodies import GROUND
+from problems.bodies.path import Path
 from problems.bodies.shapes import cross
 from problems.contacts.constraint_graph import ConstraintGraph, Normal
 from problems.contacts.dips import dips, floors
 from problems.contacts.geometry import Columns, Geometry, Pose
 from problems.contacts.geometry_kernels import column_speeds
-from problems.formulas.multistep import Path
-from problems.formulas.step_kernels import (
-    END_SLACK,
-    FAR_TOO_DEEP,
-    arrive,
-    beyond_edge,
-    ends_inside,
-    miss,
-    next_overlap,
-    ways,
-)
+from problems.contacts.path_kernels import END_SLACK, arrive, beyond_edge, ends_inside, miss, ways
+from problems.formulas.step_kernels import FAR_TOO_DEEP, next_overlap
 from problems.qp import Vector
 
 SAME_TIME = 1e-9

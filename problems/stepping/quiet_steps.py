@@ -29,21 +29,23 @@ from problems.contacts.geometry_kernels import (
     past_tip,
     place_corners,
 )
-from problems.formulas.multistep import REDONE, SHORTEST_STEP, STOP_TRIALS
-from problems.formulas.step_kernels import (
-    APPROACHING,
+from problems.contacts.path_kernels import (
     beyond_edge,
     contact_tolerance,
     enters,
-    fastest_body,
     largest_motion,
     miss,
-    next_overlap,
     path_end,
-    separates,
     sink_levels,
-    stopping_lengths,
     ways,
+)
+from problems.formulas.multistep import REDONE, SHORTEST_STEP, STOP_TRIALS
+from problems.formulas.step_kernels import (
+    APPROACHING,
+    fastest_body,
+    next_overlap,
+    separates,
+    stopping_lengths,
     weighted_norm,
 )
 from problems.friction.compiled_passes import friction_passes, qp_room

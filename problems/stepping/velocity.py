@@ -39,7 +39,8 @@ from problems.friction.rules import (
     coulomb_rows,
     spring_multipliers,
 )
-from problems.least_norm.minimum_norm import least_norm, surely_independent
+from problems.least_norm.independence import surely_independent
+from problems.least_norm.minimum_norm import least_norm
 from problems.least_norm.peeling import peels
 from problems.qp import LARGEST, Matrix, Vector
 from problems.sequence import QPSequence

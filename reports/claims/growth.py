@@ -23,6 +23,7 @@ from rich.console import Console
 
 from harness.claims.growth import FAR, FIT_FROM, STEP, STEPS, exponent, usable
 from harness.machine.machine import machine_label
+from reports.parts.sentences import join
 from reports.parts.style import (
     BLUE,
     GREEN,
@@ -38,9 +39,16 @@ from reports.parts.style import (
     drawing,
     save,
 )
-from reports.parts.table import Table, percent, print_tables, short, times, whole, write_page
+from reports.parts.table import (
+    Table,
+    duration,
+    percent,
+    print_tables,
+    times,
+    whole,
+    write_page,
+)
 from reports.rows.results import METHOD
-from reports.sections.findings import join
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -61,15 +69,6 @@ LOOKS = {
 """Colour and marker of a backend, on every page …"""
 OTHER_LOOKS = ((ORANGE, "h"), (PURPLE, "d"), (SKY, "H"), (SOFT, "8"))
 """… and of others, by their place in the plan."""
-
-
-def duration(seconds: Any) -> str:
-    """0.00012 → 120 µs."""
-    value = float(seconds)
-    for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
-        if value >= size:
-            return f"{short(value / size)} {unit}"
-    return f"{short(1e6 * value)} µs"
 
 
 def families_of(points: pd.DataFrame) -> list[str]:

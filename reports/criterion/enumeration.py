@@ -11,8 +11,8 @@ import pandas as pd
 
 from harness.criterion.enumeration_growth import MOST_SETS, fit_base, loses_from, medians
 from harness.criterion.examination import Examination
+from reports.parts.sentences import join
 from reports.parts.table import Table, microseconds, percent, short, times, whole
-from reports.sections.findings import join
 
 
 def enumeration_table(examination: Examination) -> Table:

@@ -17,9 +17,9 @@ import pandas as pd
 
 from harness.criterion.accuracy import SAFETY, SOLVERS, STARTS
 from harness.criterion.examination import Examination
-from harness.motions.in_loop import METHOD
+from harness.names import METHOD
+from reports.parts.sentences import join
 from reports.parts.table import Table, percent, short, whole
-from reports.sections.findings import join
 
 AGES = {"1": (1, 1), "2–5": (2, 5), "6–20": (6, 20), "> 20": (21, 10**9)}
 """Classes of age of an R that is kept."""

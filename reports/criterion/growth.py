@@ -18,8 +18,8 @@ import pandas as pd
 
 from harness.criterion.criterion import Measurement
 from reports.criterion.intervals import ADAPTIVE, signed_percent, size
+from reports.parts.sentences import join
 from reports.parts.table import Table, percent, short, whole
-from reports.sections.findings import join
 
 LINEAR = 1.0
 """The paper's exponent."""

@@ -19,8 +19,8 @@ import numpy as np
 import pandas as pd
 
 from harness.criterion.criterion import RULES, Measurement, Run
+from reports.parts.sentences import join
 from reports.parts.table import Table, microseconds, percent, short, whole
-from reports.sections.findings import join
 
 NOTABLE = 0.05
 """A regret above this is told in a note."""

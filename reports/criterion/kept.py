@@ -18,9 +18,9 @@ import pandas as pd
 from harness.criterion.kept_factors import INTERVALS, LONGEST, METHOD
 from reports.criterion.figures import plot_panels
 from reports.criterion.intervals import interval_text
+from reports.parts.sentences import join
 from reports.parts.style import BLUE, GREEN, INK, VERMILLION
 from reports.parts.table import Table, microseconds, percent, short, times
-from reports.sections.findings import join
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -16,8 +16,8 @@ import pandas as pd
 from harness.criterion.cost_model import optimal_interval
 from harness.criterion.examination import Examination
 from harness.criterion.minimum_norm_ways import LOOSE, MinimumNormWays
+from reports.parts.sentences import join
 from reports.parts.table import Table, percent, scientific, short, whole
-from reports.sections.findings import join
 
 WRONG = 1e-6
 """An answer further than this from that of the SVD, relative to ‖λ‖, is no minimum-norm one."""

@@ -11,9 +11,10 @@ import pandas as pd
 
 from harness.judging.judge import VERIFIED_WITHIN
 from harness.motions.closed_loop import Findings
-from harness.motions.in_loop import EXACT, METHOD, SLOPPY
+from harness.motions.in_loop import EXACT, SLOPPY
+from harness.names import METHOD
+from reports.parts.sentences import join
 from reports.parts.table import percent, scientific, short, times
-from reports.sections.findings import join
 
 AS_GOOD = 2.0
 """Times the error of ε within which a motion counts as good as that of exact QPs."""

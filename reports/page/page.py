@@ -24,10 +24,12 @@ import pandas as pd
 
 from reports.motions.frames import plot_scene
 from reports.page.page_figures import PageFigures
+from reports.parts.names import is_method
+from reports.parts.sentences import Answer, join
 from reports.parts.style import draw_files
 from reports.parts.table import Table, write_text
 from reports.rows.comparison import compare
-from reports.rows.results import ARMS, METHOD, Results, is_method, load_results
+from reports.rows.results import ARMS, METHOD, Results, load_results
 from reports.sections.certificates import (
     certificates_answer,
     certificates_of,
@@ -36,7 +38,7 @@ from reports.sections.certificates import (
     references_table,
 )
 from reports.sections.figures import plot_accuracy, plot_cost, plot_profiles
-from reports.sections.findings import Answer, how_accurate, join, warm_start_worth, which_method
+from reports.sections.findings import how_accurate, warm_start_worth, which_method
 from reports.sections.forms import form_rows, forms_answer, forms_tables, plot_forms
 from reports.sections.pareto import (
     pareto_answer,

@@ -17,8 +17,8 @@ import pandas as pd
 from rich.console import Console
 from rich.text import Text
 
-from glambda.display import table as rich_table
 from harness.files.printable import printable
+from reports.parts.terminal_table import terminal_table
 
 Format = Callable[[Any], str]
 
@@ -73,7 +73,7 @@ def print_tables(console: Console, tables: Iterable[Table]) -> None:
     for table in tables:
         shown = table.display()
         columns = [f">{name}" if table.numeric(name) else name for name in shown.columns]
-        console.print(rich_table(table.title, columns, shown.to_numpy().tolist()))
+        console.print(terminal_table(table.title, columns, shown.to_numpy().tolist()))
         for note in table.notes:
             console.print(Text(f"  {note}"))
         console.print()
@@ -158,3 +158,12 @@ def times(value: Any) -> str:
 def microseconds(value: Any) -> str:
     """Seconds, printed in µs."""
     return short(1e6 * float(value))
+
+
+def duration(seconds: Any) -> str:
+    """0.00012 → 120 µs."""
+    value = float(seconds)
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
+        if value >= size:
+            return f"{short(value / size)} {unit}"
+    return f"{short(1e6 * value)} µs"

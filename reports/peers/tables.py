@@ -19,9 +19,8 @@ import pandas as pd
 from harness.peers import OURS, REMEDY, EngineInfo
 from harness.peers.compare import ABOVE_REFERENCE, TARGETS, cheapest, compared, order_of
 from harness.peers.tasks import REST_STEP, REST_STEPS
-from reports.claims.growth import duration
-from reports.parts.table import Table, power, scientific, times
-from reports.sections.findings import join
+from reports.parts.sentences import join
+from reports.parts.table import Table, duration, power, scientific, times
 
 FREE_FALL = 0.9
 """Share of a free fall beyond which a tower's top is said to fall freely."""

@@ -23,7 +23,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from reports.rows.results import ARMS, solver_order
+from reports.parts.names import solver_order
+from reports.rows.results import ARMS
 
 SHIFT = 1e-6
 """Shift of the geometric means [s]."""

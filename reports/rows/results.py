@@ -25,9 +25,10 @@ import numpy as np
 import pandas as pd
 
 from harness.judging.facts import SETTINGS
-from harness.motions.in_loop import METHOD
+from harness.names import METHOD
+from harness.passes.limits import TIME_LIMIT
 from harness.passes.starts import ARMS
-from harness.processes.isolate import TIME_LIMIT
+from reports.parts.names import in_order, is_number, solver_order
 
 FORMS = ("normal", "residual", "velocity")
 """Forms in which a package is posed the QP, in campaigns as `name[form]`."""
@@ -126,23 +127,6 @@ class Results:
         return sorted(self.rows["solver"].unique(), key=solver_order)
 
 
-def in_order(names: Any, order: tuple[str, ...]) -> list[str]:
-    """`names` in the given order, then numbers, the least first, then others by the alphabet."""
-    present = {str(name) for name in names}
-    rest = present - set(order)
-    numbers = sorted((name for name in rest if is_number(name)), key=float)
-    return [name for name in order if name in present] + numbers + sorted(rest - set(numbers))
-
-
-def is_number(setting: str) -> bool:
-    """Whether a setting is an accuracy given as a number, such as 1e-6."""
-    try:
-        float(setting)
-    except ValueError:
-        return False
-    return True
-
-
 def form_of(solver: str) -> str | None:
     """The form of choice that a package is posed, or None: `clarabel[residual]` → residual."""
     form = solver.partition("[")[2].rstrip("]")
@@ -165,16 +149,6 @@ def set_apart(rows: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
         if not of_campaign.all():
             aside |= of_campaign
     return rows[~aside].reset_index(drop=True), rows[aside].reset_index(drop=True)
-
-
-def solver_order(name: str) -> tuple[bool, str]:
-    """Sort key: the paper's method and its variants first, the others by name."""
-    return (not is_method(name), name)
-
-
-def is_method(name: str) -> bool:
-    """Whether `name` is the paper's method or a variant of it."""
-    return name == METHOD or name.startswith(METHOD + "[")
 
 
 def empty_rows() -> pd.DataFrame:

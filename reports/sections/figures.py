@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 
 from reports.motions.frames import animate_scene, plot_scene
+from reports.parts.names import is_method
 from reports.parts.style import (
     BLUE,
     COLD,
@@ -35,7 +36,7 @@ from reports.parts.style import (
     save,
 )
 from reports.rows.comparison import compare
-from reports.rows.results import ARMS, METHOD, Results, is_method
+from reports.rows.results import ARMS, METHOD, Results
 from reports.sections.profiles import profile, scene_ratios
 
 if TYPE_CHECKING:

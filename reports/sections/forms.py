@@ -20,10 +20,11 @@ import pandas as pd
 
 from harness.judging.facts import RANK_COLUMNS, RANK_TOL
 from problems.qp import ContactQP
+from reports.parts.names import in_order
+from reports.parts.sentences import Answer, join
 from reports.parts.style import BLUE, GREEN, INK, PAGE_WIDTH, SOFT, VERMILLION, drawing, save
 from reports.parts.table import Table, microseconds, percent, scientific, short, times, whole
-from reports.rows.results import FORMS, Results, form_of, in_order
-from reports.sections.findings import Answer, join
+from reports.rows.results import FORMS, Results, form_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

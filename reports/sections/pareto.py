@@ -19,20 +19,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from reports.parts.names import in_order, is_method, is_number, solver_order
+from reports.parts.sentences import Answer, join
 from reports.parts.style import FAINT, INK, PAGE_WIDTH, PAPER, SOFT, VERMILLION, drawing, save
 from reports.parts.table import Table, microseconds, percent, scientific, short
 from reports.rows.comparison import shifted_geometric_mean
-from reports.rows.results import (
-    ARMS,
-    METHOD,
-    Results,
-    form_of,
-    in_order,
-    is_method,
-    is_number,
-    solver_order,
-)
-from reports.sections.findings import Answer, join
+from reports.rows.results import ARMS, METHOD, Results, form_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

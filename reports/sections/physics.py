@@ -6,8 +6,9 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from reports.parts.names import solver_order
 from reports.parts.table import Table, scientific, whole
-from reports.rows.results import Results, solver_order
+from reports.rows.results import Results
 
 WORST = {
     "approach": "approach [m/s]",

@@ -18,8 +18,9 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
+from reports.parts.names import solver_order
 from reports.rows.comparison import Comparison, compare, pool
-from reports.rows.results import Results, solver_order
+from reports.rows.results import Results
 
 CLOCK = 1e-9
 """Least time that a clock tells apart from none [s]."""

@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from harness.processes.isolate import TIME_LIMIT
+from harness.passes.limits import TIME_LIMIT
+from harness.recordings.recording import Reference
 from problems.stepping.options import StepperOptions
+from reports.parts.names import in_order, solver_order
 from reports.parts.table import Table, percent, scientific, short, whole
 from reports.rows.comparison import SHIFT, SKIP_LIMIT
-from reports.rows.results import ARMS, Results, in_order, solver_order
+from reports.rows.results import ARMS, Results
 
 RUN_OPTIONS = (
     *("eps", "until", "fixed_step", "stops", "friction", "impulses"),
@@ -290,3 +292,17 @@ def _text(value: Any) -> str:
     if isinstance(value, float) and float(f"{value:g}") == value:
         return f"{value:g}"
     return str(value)
+
+
+def proofs(references: Iterable[Reference | None]) -> str:
+    """How many references rest on what."""
+    words = {
+        "exact": "proved in exact arithmetic",
+        "bound": "within the error bound",
+        "nearby": "within the error bound of a QP that differs by rounding",
+        "ill-posed": "within the error bound of an ill-posed QP",
+        "none": "without a reference",
+    }
+    rests_on = ["none" if r is None else r.proof for r in references]
+    parts = [f"{rests_on.count(p)} {text}" for p, text in words.items() if p in rests_on]
+    return f"of {len(rests_on)}, " + ", ".join(parts)

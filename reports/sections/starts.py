@@ -27,10 +27,11 @@ import numpy as np
 import pandas as pd
 
 from reports.parts.intervals import SURE, geometric_mean
+from reports.parts.names import in_order, solver_order
+from reports.parts.sentences import Answer, join
 from reports.parts.style import COLD, INK, PAGE_WIDTH, SOFT, WARM, drawing, save
 from reports.parts.table import Table, microseconds, percent, short, times, whole
-from reports.rows.results import ARMS, METHOD, Results, in_order, solver_order
-from reports.sections.findings import Answer, join
+from reports.rows.results import ARMS, METHOD, Results
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,9 +14,10 @@ import pandas as pd
 
 from harness.judging.facts import UNKNOWN, rank_of
 from reports.parts.intervals import SURE, geometric_mean
+from reports.parts.names import is_method, solver_order
 from reports.parts.table import Format, Table, microseconds, percent, scientific, times, whole
 from reports.rows.comparison import SHIFT, Comparison, compare, shifted_geometric_mean
-from reports.rows.results import ARMS, METHOD, Results, is_method, solver_order
+from reports.rows.results import ARMS, METHOD, Results
 
 SUFFIXES = ("_cold", "_warm")
 

@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from reports.parts.names import is_method, solver_order
+from reports.parts.sentences import Answer, join
 from reports.parts.table import Table, microseconds, percent, short, times, whole
-from reports.rows.results import METHOD, Results, is_method, solver_order
-from reports.sections.findings import Answer, join
+from reports.rows.results import METHOD, Results
 
 OLD_R = f"{METHOD}[old_r]"
 SLOW = 100.0

@@ -19,7 +19,7 @@ import clarabel
 import numpy as np
 
 from problems.qp import Status
-from solvers.adapters.posed import Built, Native, Outcome, same_pattern
+from solvers.adapters.package import Built, Native, Outcome, same_pattern
 from solvers.adapters.programs import Program, ProgramSolver, cones
 from solvers.base import Start
 

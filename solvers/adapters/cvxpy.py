@@ -23,7 +23,8 @@ import numpy as np
 
 from problems.qp import Status
 from solvers.adapters.inner_options import check_variant, inner_options
-from solvers.adapters.posed import Built, Native, Outcome, PackageSolver, Posed
+from solvers.adapters.package import Built, Native, Outcome, PackageSolver
+from solvers.adapters.posed import Posed
 from solvers.base import Form, Start
 
 _VARIANTS = ("osqp", "clarabel", "scs", "piqp", "proxqp", "daqp", "highs")

@@ -27,7 +27,7 @@ import numpy as np
 
 from problems.qp import AT_LOWER, AT_UPPER, ContactQP, Status
 from solvers.adapters.inner_options import last_step
-from solvers.adapters.posed import Built, Native, Outcome
+from solvers.adapters.package import Built, Native, Outcome
 from solvers.adapters.programs import Program, ProgramSolver
 from solvers.base import Start
 

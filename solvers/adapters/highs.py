@@ -25,7 +25,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from problems.qp import Status
-from solvers.adapters.posed import Built, Native, Outcome
+from solvers.adapters.package import Built, Native, Outcome
 from solvers.adapters.programs import Program, ProgramSolver
 from solvers.base import Start
 

@@ -21,7 +21,7 @@ import osqp
 
 from problems.qp import Status
 from solvers.adapters.inner_options import NEVER
-from solvers.adapters.posed import Built, Native, Outcome, same_pattern
+from solvers.adapters.package import Built, Native, Outcome, same_pattern
 from solvers.adapters.programs import Program, ProgramSolver
 from solvers.base import Start
 

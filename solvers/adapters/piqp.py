@@ -24,7 +24,7 @@ import piqp
 import scipy.sparse as sp
 
 from problems.qp import Status
-from solvers.adapters.posed import Built, Native, Outcome, same_pattern
+from solvers.adapters.package import Built, Native, Outcome, same_pattern
 from solvers.adapters.programs import Program, ProgramSolver
 from solvers.base import Start
 

@@ -33,7 +33,8 @@ from numpy.typing import NDArray
 
 from problems.qp import AT_LOWER, AT_UPPER, FREE, ContactQP, Vector
 from solvers.adapters.inner_options import check_variant
-from solvers.adapters.posed import Built, Native, Outcome, PackageSolver, Posed
+from solvers.adapters.package import Built, Native, Outcome, PackageSolver
+from solvers.adapters.posed import Posed
 from solvers.base import Start
 
 Members = NDArray[np.int8]

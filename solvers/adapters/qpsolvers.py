@@ -21,7 +21,8 @@ import qpsolvers
 
 from problems.qp import Status
 from solvers.adapters.inner_options import check_variant, inner_options
-from solvers.adapters.posed import Built, Native, Outcome, PackageSolver, Posed
+from solvers.adapters.package import Built, Native, Outcome, PackageSolver
+from solvers.adapters.posed import Posed
 from solvers.base import Start
 
 _VARIANTS = ("proxqp", "clarabel", "osqp", "scs", "piqp", "daqp", "highs", "quadprog")

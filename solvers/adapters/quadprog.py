@@ -27,7 +27,8 @@ import numpy as np
 import quadprog
 
 from problems.qp import Status
-from solvers.adapters.posed import Built, Native, Outcome, PackageSolver, Posed
+from solvers.adapters.package import Built, Native, Outcome, PackageSolver
+from solvers.adapters.posed import Posed
 from solvers.adapters.programs import one_sided
 from solvers.base import Form, Start
 

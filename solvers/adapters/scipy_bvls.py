@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from problems.qp import Status
-from solvers.adapters.posed import Built, Native, Outcome, PackageSolver, Posed
+from solvers.adapters.package import Built, Native, Outcome, PackageSolver
+from solvers.adapters.posed import Posed
 from solvers.base import Form, Start
 
 

@@ -19,7 +19,7 @@ import scipy.sparse as sp
 import scs
 
 from problems.qp import Status
-from solvers.adapters.posed import Built, Native, Outcome, same_matrix
+from solvers.adapters.package import Built, Native, Outcome, same_matrix
 from solvers.adapters.programs import Cones, Program, ProgramSolver, cones
 from solvers.base import Start
 

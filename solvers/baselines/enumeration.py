@@ -27,7 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from problems.qp import AT_LOWER, AT_UPPER, FREE, Status, Vector
-from solvers.adapters.posed import Built, Native, Outcome, PackageSolver, Posed
+from solvers.adapters.package import Built, Native, Outcome, PackageSolver
+from solvers.adapters.posed import Posed
 from solvers.base import Form, Start, Unsupported
 
 _BATCH = 2048

@@ -23,7 +23,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from problems.qp import Status
-from solvers.adapters.posed import Built, Native, Outcome, PackageSolver, Posed
+from solvers.adapters.package import Built, Native, Outcome, PackageSolver
+from solvers.adapters.posed import Posed
 from solvers.base import Start
 
 

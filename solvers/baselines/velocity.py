@@ -33,7 +33,8 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from problems.qp import Status, Vector
-from solvers.adapters.posed import Built, Native, Outcome, PackageSolver, Posed
+from solvers.adapters.package import Built, Native, Outcome, PackageSolver
+from solvers.adapters.posed import Posed
 from solvers.base import Form, Start
 
 _ROUNDING = 16 * float(np.finfo(float).eps)

@@ -5,6 +5,7 @@ import pytest
 import scipy.sparse as sp
 
 from problems.bodies.bodies import GROUND, box, polygon_body
+from problems.bodies.path import Path
 from problems.bodies.shapes import cross, rotate_quarter
 from problems.contacts.geometry import Geometry, HalfPlane
 from problems.contacts.geometry_kernels import (
@@ -19,7 +20,6 @@ from problems.contacts.geometry_kernels import (
     place_corners,
     sparse_columns,
 )
-from problems.formulas.multistep import Path
 
 BODIES = (box(1.0, 1.0), polygon_body([(0, 0), (2, 0), (1, 1.5)]), box(0.5, 2.0))
 EXACT = {"rtol": 1e-13, "atol": 1e-13}

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from problems.bodies.bodies import box, polygon_body
+from problems.bodies.path import Path
 from problems.contacts.constraint_graph import ConstraintGraph
 from problems.contacts.dips import dips
 from problems.contacts.geometry import Geometry, HalfPlane
-from problems.formulas.multistep import Path
 from problems.stepping.events import look_ahead
 
 THORN = polygon_body([(0.0, 0.0), (1.0, -0.1), (1.0, 0.1)])

@@ -8,15 +8,17 @@ from scipy.optimize import minimize
 from problems import scene, simulate
 from problems.kernels.arena import Arena
 from problems.least_norm import compiled as compiled_least_norm
-from problems.least_norm.independence import far_from_dependent
-from problems.least_norm.minimum_norm import (
+from problems.least_norm.independence import (
     IndependenceProof,
+    far_from_dependent,
+    surely_independent,
+)
+from problems.least_norm.minimum_norm import (
     least_distance_point,
     least_distance_qp,
     minimum_norm,
     null_space,
     run_least_norm,
-    surely_independent,
 )
 from problems.least_norm.sparse_minimum_norm import ridge
 from problems.qp import ContactQP
@@ -326,7 +328,7 @@ def test_a_proof_of_independence_lasts_while_little_moves(monkeypatch):
     A = sp.csc_array(np.linalg.qr(rng.normal(size=(8, 5)))[0])
     asked = []
     monkeypatch.setattr(
-        "problems.least_norm.minimum_norm.surely_independent",
+        "problems.least_norm.independence.surely_independent",
         lambda A, multiple=1.0: asked.append(multiple) or surely_independent(A, multiple),
     )
     proof = IndependenceProof()

@@ -4,23 +4,21 @@ import numpy as np
 import pytest
 
 from problems.bodies.bodies import GROUND, box, polygon_body
+from problems.contacts.active_kernels import friction_bounds
 from problems.contacts.geometry import Geometry, HalfPlane
 from problems.contacts.geometry_kernels import dense_columns, gather_columns
-from problems.formulas.step_kernels import (
+from problems.contacts.path_kernels import (
     END_SLACK,
     arrive,
     beyond_edge,
     ends_inside,
-    fastest_body,
     largest_motion,
     miss,
-    momentum,
-    outcome,
     path_end,
     ways,
-    weighted_norm,
 )
-from problems.friction.kernels import driven_forces, forced_signs, friction_bounds
+from problems.formulas.step_kernels import fastest_body, momentum, outcome, weighted_norm
+from problems.friction.kernels import driven_forces, forced_signs
 
 EXACT = {"rtol": 1e-12, "atol": 1e-12}
 

@@ -12,7 +12,8 @@ import pytest
 from harness.passes.starts import EVERY_ARM
 from harness.study.stretch import stretched
 from reports.parts.intervals import geometric_mean
-from reports.rows.results import Results, form_of, in_order, prepare, set_apart
+from reports.parts.names import in_order
+from reports.rows.results import Results, form_of, prepare, set_apart
 from reports.sections.forms import (
     condition_of,
     conditions,

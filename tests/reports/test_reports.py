@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.processes.isolate import TIME_LIMIT
+from harness.passes.limits import TIME_LIMIT
 from harness.recordings.recording import Recording
 from problems.contacts.geometry import HalfPlane
 from problems.qp import FREE, ContactQP, Solution, Status
@@ -20,12 +20,13 @@ from reports.motions.frames import animate_scene, plot_scene, window_of
 from reports.motions.motion import frame_times, motion_of
 from reports.page.page import prose, report, unflattering, write_report
 from reports.parts.intervals import geometric_mean
+from reports.parts.sentences import join, ordinal
 from reports.parts.style import drawing, in_letters, save
 from reports.parts.table import microseconds, percent, short
 from reports.rows.comparison import compare, shifted_geometric_mean
 from reports.rows.results import KEY, Results, empty_rows, load_results, prepare
 from reports.sections.figures import plot_accuracy, plot_cost, plot_profiles
-from reports.sections.findings import how_accurate, join, ordinal, warm_start_worth, which_method
+from reports.sections.findings import how_accurate, warm_start_worth, which_method
 from reports.sections.profiles import profile, ratios
 from reports.sections.protocol import protocol, record_command, reproduce
 from reports.sections.spread import spread_table

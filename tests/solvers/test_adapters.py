@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from problems.qp import AT_LOWER, FREE, ContactQP, Solution, Status
-from solvers.adapters.posed import Native, Outcome, PackageSolver, Posed, pose
+from solvers.adapters.package import Native, Outcome, PackageSolver
+from solvers.adapters.posed import Posed, pose
 from solvers.base import Solver, Unsupported
 from solvers.registry import describe, make_solver, solver_names
 from tests.fakes.assertions import assert_kkt, assert_same_force, force_scale

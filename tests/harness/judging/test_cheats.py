@@ -19,7 +19,7 @@ from harness.judging.facts import facts_of
 from harness.judging.judge import VERIFIED_WITHIN
 from harness.judging.oracle import reference
 from harness.machine.machine import solver_version
-from harness.processes.isolate import TIME_LIMIT
+from harness.passes.limits import TIME_LIMIT
 from harness.recordings.recording import Reference
 from problems.qp import ContactQP, Vector, positions_of
 from reports.rows.comparison import compare

@@ -1,0 +1,53 @@
+"""What a pass may take, and what one process is told to do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.passes.measure import DISTURBED, Outcome
+
+TIME_LIMIT, MEMORY_LIMIT = 1.0, 4.0
+"""`Limits` if nothing else is said [s, GiB]."""
+WARM_UP = 1.0
+"""Longest warm-up of a process [s]."""
+
+
+def hard_limit(time_limit: float) -> float:
+    """Seconds after which a solve is killed; `time_limit` itself is looked at after the call."""
+    return 10.0 * time_limit + 1.0
+
+
+class Limits(NamedTuple):
+    """What a solver may take: time [s] per solve, and memory [GiB] beyond what it starts with."""
+
+    time: float
+    memory: float
+
+
+class Pass(NamedTuple):
+    """What came of a pass.
+
+    outcomes : one per QP;  times : (n, 4) [s] build, setup, solve, call, NaN where unknown
+    lost : the QPs that have cost a process
+    """
+
+    outcomes: Sequence[Outcome]
+    times: NDArray[np.float64]
+    lost: Sequence[int] = ()
+
+    @property
+    def is_final(self) -> bool:
+        """Whether nothing of it was disturbed."""
+        return not any(outcome.status_text.startswith(DISTURBED) for outcome in self.outcomes)
+
+
+class Task(NamedTuple):
+    """What a process does: a solver by name, its options as (name, value) pairs, in an arm."""
+
+    solver: str
+    options: tuple[tuple[str, Any], ...]
+    arm: str
