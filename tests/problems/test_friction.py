@@ -122,11 +122,14 @@ def sliding_box(gain):
     scene = leaning_box(mu=1.0, speed=speed)
     stepper = Stepper(scene, make_solver("lotstedt"), StepperOptions(1e-3, 1e-3, rest_speed=1.0))
     stepper.start()
-    assembly = Assembly(stepper.graph, stepper.q)
-    A = np.column_stack([assembly.G_N.toarray(), assembly.G_F.toarray()]) / stepper.D[:, None]
+    assembly = Assembly(stepper.system.graph, stepper.system.q)
+    A = (
+        np.column_stack([assembly.G_N.toarray(), assembly.G_F.toarray()])
+        / stepper.system.D[:, None]
+    )
     sign = -np.sign(speed)
     assembly.mu[:] = gain / (-sign * (A[:, 0] @ A[:, 1]) / (A[:, 0] @ A[:, 0]))
-    return assembly, stepper.D, np.array([sign])
+    return assembly, stepper.system.D, np.array([sign])
 
 
 @pytest.mark.parametrize("gain", [-0.9, -1.5, -20.0, 0.6])

@@ -12,7 +12,7 @@ from problems.bodies.bodies import box, polygon_body
 from problems.bodies.forces import Load
 from problems.bodies.shapes import box_corners
 from problems.contacts.geometry import HalfPlane
-from problems.friction.rules import newton_coulomb
+from problems.friction import newton_coulomb
 from problems.least_norm import minimum_norm
 from problems.stepping import quiet
 from problems.stepping.quiet_records import TAKEN
@@ -239,11 +239,11 @@ def test_a_rest_that_has_ended_is_forgotten():
     options = StepperOptions.of(sliding.eps)
     stepper = Stepper(sliding, make_solver("lotstedt"), options, keep_qps=False)
     stepper.start()
-    stepper.rest_since = -1.0
+    stepper.system.rest_since = -1.0
     stepper.advance(1.0)
-    assert stepper.counts["steps"] > 1
-    assert [event.kind for event in stepper.event_log] == ["rest"]
-    assert stepper.rest_since == stepper.t
+    assert stepper.system.counts["steps"] > 1
+    assert [event.kind for event in stepper.system.event_log] == ["rest"]
+    assert stepper.system.rest_since == stepper.system.t
 
 
 def test_a_corner_that_left_sunk_comes_back_to_the_edge():
@@ -252,11 +252,11 @@ def test_a_corner_that_left_sunk_comes_back_to_the_edge():
     sunk = replace(fig4, q0=fig4.q0 - [0.0, 1e-5, 0.0])
     stepper = Stepper(sunk, make_solver("lotstedt"), StepperOptions.of(1e-4), keep_qps=False)
     stepper.start()
-    assert stepper.graph.candidates.levels()
+    assert stepper.system.graph.candidates.levels()
     stepper.advance(0.1)
-    assert stepper.t == 0.1
-    assert [event.kind for event in stepper.event_log].count("drop") == 2
-    candidates = stepper.graph.candidates
-    pose = stepper.graph.geometry.pose(stepper.q)
-    clearance = stepper.graph.geometry.clearance(pose, candidates.corner, candidates.part)
+    assert stepper.system.t == 0.1
+    assert [event.kind for event in stepper.system.event_log].count("drop") == 2
+    candidates = stepper.system.graph.candidates
+    pose = stepper.system.graph.geometry.pose(stepper.system.q)
+    clearance = stepper.system.graph.geometry.clearance(pose, candidates.corner, candidates.part)
     assert not candidates.level[clearance > 1e-3].any()
