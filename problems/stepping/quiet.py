@@ -22,34 +22,15 @@ from problems.kernels.compiled import Direct
 from problems.qp import Solution, Status, Vector
 from problems.qp_kernel import WARM
 from problems.stepping.quiet_records import (
-    A_BEFORE,
     AGAIN,
-    CHANGES,
-    COUNTED,
-    CUTS,
-    ENDED,
-    ENTRIES,
+    CLOCK,
     EVENT,
-    HIGHEST,
-    KNOWN,
     LOOK,
     MOST,
-    MOST_PASSES,
-    OPEN,
-    PASSES,
-    REJECTED,
-    SOLVES,
-    STEPS,
-    TAKEN,
-    TIME,
-    UNTIL,
-    V_BEFORE,
-    WISH,
-    A,
-    H,
-    Q,
+    TALLY,
     QuietSteps,
-    V,
+    Settings,
+    State,
 )
 from problems.stepping.quiet_steps import quiet_steps
 from problems.stepping.run import Stretch
@@ -88,17 +69,19 @@ class Quiet:
         if not self.able:
             return
         m, options = system.q.size, system.options
-        self._state, self._counts = np.zeros((5, m)), np.zeros(ENTRIES, dtype=np.int64)
+        self._state = State(*(np.zeros(m) for _ in State._fields))
+        self._clock, self._tally = np.zeros(1, CLOCK), np.zeros(1, TALLY)
         self._track, self._gaps = np.empty((MOST, 1 + 2 * m)), np.empty(MOST)
         self._multipliers = np.empty(0)
         self._arena = Arena.of(0)
-        self._reals = np.array(
-            [
-                *(0.0, 0.0, 0.0, options.eps, options.drop_tol, options.h_max),
-                *(options.fixed_step or 0.0, options.rest_speed, 0.0),
-                system.graph.candidates.margin / 2,
-                system.allowed_overlap,
-            ]
+        self._settings = Settings(
+            *(options.eps, options.drop_tol, options.h_max),
+            fixed=options.fixed_step or 0.0,
+            rest_speed=options.rest_speed,
+            reach=system.graph.candidates.margin / 2,
+            allowed=system.allowed_overlap,
+            highest=options.order,
+            cuts=options.stops == "located",
         )
 
     def take_steps(self, end: float) -> tuple[int, LastStep | None]:
@@ -121,12 +104,12 @@ class Quiet:
             room = self.solver.room(system.q.size, k, run.eps0, system.qps.start())
             mode = method.mode | WARM if room.warm else method.mode
             run_quiet_steps(run, method.solve, room.S, room.I, room.eps0, mode)
-            counts = run.counts.tolist()
-            steps, ended = counts[TAKEN], counts[ENDED]
-            if steps or counts[SOLVES]:
-                last = self.solver.last_answer(room) if counts[SOLVES] else NO_CONTACT
-                system.qps.went_on(last, counts[COUNTED])
-                system.counts["rejected_steps"] += counts[REJECTED]
+            tally = run.tally[0]
+            steps, ended, solves = (int(tally[name]) for name in ("taken", "ended", "solves"))
+            if steps or solves:
+                last = self.solver.last_answer(room) if solves else NO_CONTACT
+                system.qps.went_on(last, int(tally["counted"]))
+                system.counts["rejected_steps"] += int(tally["rejected"])
             if steps:
                 self._follow(run, active, steps)
                 system.watch_progress()
@@ -150,22 +133,22 @@ class Quiet:
         until = min(ahead, end)
         near = graph.candidates
         near.renew(system.q, active.place)
-        state, reals, counts = self._state, self._reals, self._counts
-        state[Q], state[V], state[V_BEFORE] = system.q, history.v, history.v_before
-        for row, a in zip((A, A_BEFORE), history.a, strict=False):
-            state[row] = a
-        reals[TIME], reals[UNTIL] = system.t, until
-        reals[H], reals[WISH] = history.h, system.h_last
+        state, clock, tally = self._state, self._clock[0], self._tally[0]
+        state.q[:], state.v[:], state.v_before[:] = system.q, history.v, history.v_before
+        for array, a in zip((state.a, state.a_before), history.a, strict=False):
+            array[:] = a
+        clock["time"], clock["h"], clock["wish"] = system.t, history.h, system.h_last
+        clock["until"] = until
         signs = np.array([friction.sign for friction in active.frictions], dtype=np.float64)
         corrected = options.friction == "corrected" and signs.size > 0
-        counts[:] = 0
-        counts[STEPS], counts[HIGHEST] = history.steps, history.highest
-        counts[KNOWN], counts[MOST_PASSES] = system.lam_known, MAX_PASSES if corrected else 1
-        counts[OPEN], counts[CUTS] = end < ahead, options.stops == "located"
+        self._tally[:] = 0
+        tally["steps"], tally["known"] = history.steps, system.lam_known
+        tally["most_passes"] = MAX_PASSES if corrected else 1
+        tally["is_open"] = end < ahead
         rows = active.normal_ids.size + signs.size
         if self._multipliers.size < MOST * rows:
             self._multipliers = np.empty(2 * MOST * rows)
-        size = state.size + near.corner.size + rows + system.shapes.corner_body.size
+        size = 5 * system.q.size + near.corner.size + rows + system.shapes.corner_body.size
         if self._arena.size < size:
             self._arena = Arena.of(2 * size)
         return QuietSteps(
@@ -182,8 +165,9 @@ class Quiet:
             pairs=near.pairs,
             listed_at=near.listed_at,
             state=state,
-            reals=reals,
-            counts=counts,
+            settings=self._settings,
+            clock=self._clock,
+            tally=self._tally,
             track=self._track,
             gaps=self._gaps,
             multipliers=self._multipliers[: MOST * rows].reshape(MOST, rows),
@@ -197,7 +181,8 @@ class Quiet:
     def _follow(self, run: QuietSteps, active: ActiveSet, taken: int) -> None:
         """Bring the system to where the run has come, with what has changed on the way."""
         system = self.system
-        state, steps = run.state.copy(), int(run.counts[STEPS])
+        state, clock, tally = (part.copy() for part in run.state), run.clock[0], run.tally[0]
+        q, v, v_before, *a = state
         track, gaps, multipliers = (
             part[:taken].copy() for part in (run.track, run.gaps, run.multipliers)
         )
@@ -210,7 +195,7 @@ class Quiet:
             lam = multipliers[part, : ids[0].size + ids[1].size]
             system.stretches.append(Stretch(t, q, v, gaps[part], *ids, lam))
 
-        changes = run.changes[: run.counts[CHANGES]].tolist()
+        changes = run.changes[: tally["changes"]].tolist()
         for (step, row_id), sense in zip(changes, run.sense.tolist(), strict=False):
             if step > first:
                 record(step)
@@ -226,11 +211,11 @@ class Quiet:
             record(taken)
         N = len(system.graph.normals)
         system.graph.keep_multipliers((run.contacts.lam[:N], run.contacts.lam_before[:N]))
-        system.t, h, system.h_last = run.reals[[TIME, H, WISH]].tolist()
-        system.q = state[Q]
-        a = [state[A], state[A_BEFORE]][:steps]
-        system.history.resume(state[V], state[V_BEFORE], a, h, steps)
-        system.lam_known = int(run.counts[KNOWN])
+        system.t, system.h_last = float(clock["time"]), float(clock["wish"])
+        system.q = q
+        steps = int(tally["steps"])
+        system.history.resume(v, v_before, a[:steps], float(clock["h"]), steps)
+        system.lam_known = int(tally["known"])
         system.counts["steps"] += taken
 
 
@@ -244,11 +229,11 @@ def _last_step(system: System, run: QuietSteps) -> LastStep:
         v=history.v,
         a=history.a[0],
         lam_N=run.contacts.lam[:N],
-        lam_F=run.multipliers[run.counts[TAKEN] - 1, N : N + F],
+        lam_F=run.multipliers[run.tally[0]["taken"] - 1, N : N + F],
         gap_speed=assembly.gap_speed(history.v),
         slip_speed=assembly.slip_speed(history.v),
         at_bound=run.at_bound[:F],
         assembly=assembly,
-        passes=int(run.counts[PASSES]),
+        passes=int(run.tally[0]["passes"]),
     )
     return LastStep(step, run.contacts.signs[:F], run.stopped[:F])

@@ -26,7 +26,7 @@ def started(made) -> Stepper:
 
 
 def contacts_of(made) -> int:
-    return len(started(made).graph.normals)
+    return len(started(made).system.graph.normals)
 
 
 def deepest(made) -> float:

@@ -63,8 +63,8 @@ def test_another_pass_would_change_less_than_was_asked(monkeypatch):
     """‖δq̇‖_M ≤ 0.1 ε (3.14) if sliding forces were those of the λ_N that they led to."""
     left, solve = [], VelocityEquations.solve
 
-    def solved(self, qps, assembly, history, q, t, h, signs, known):
-        step = solve(self, qps, assembly, history, q, t, h, signs, known)
+    def solved(self, qps, assembly, history, interval, signs, known):
+        step, h = solve(self, qps, assembly, history, interval, signs, known), interval.h
         if step.settled and known != STUCK and signs.any():
             off = np.where(signs != 0, signs * assembly.bound(step.lam_N) - step.lam_F, 0.0)
             push = assembly.friction_force(off) / self.D**2

@@ -15,7 +15,6 @@ from problems.contacts.geometry import HalfPlane
 from problems.friction import newton_coulomb
 from problems.least_norm import minimum_norm
 from problems.stepping import quiet
-from problems.stepping.quiet_records import TAKEN
 from problems.stepping.stepper import Stepper, StepperOptions
 from solvers import make_solver
 
@@ -102,7 +101,7 @@ def test_the_solver_is_not_asked_where_it_is_known_to_take_no_steps(name, in_vai
 
     def watched(run, *method):
         take(run, *method)
-        taken.append(int(run.counts[TAKEN]))
+        taken.append(int(run.tally[0]["taken"]))
 
     monkeypatch.setattr(quiet, "run_quiet_steps", watched)
     simulate(scene(name), make_solver("lotstedt"), until=0.7, keep_qps=False)
@@ -141,11 +140,11 @@ def test_contacts_leave_and_slip_within_compiled_steps(name, kinds, monkeypatch)
     inside, follow = [], Stepper._after_quiet_steps
 
     def watched(self, taken, last):
-        inside.extend(event.kind for event in self.event_log[len(seen) :])
+        inside.extend(event.kind for event in self.system.event_log[len(seen) :])
         follow(self, taken, last)
 
     def stepped(self, end):
-        seen[:] = self.event_log
+        seen[:] = self.system.event_log
         advance(self, end)
 
     seen, advance = [], Stepper.advance
