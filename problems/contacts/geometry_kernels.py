@@ -274,6 +274,18 @@ def gather_columns(normal, tangent, bodies, row, tangential, arena=None):
 
 
 @kernel
+def rows_of(entries, bodies, row, arena=None):
+    """Entries (F, 6) and bodies (F, 2) of these rows (F,) of others."""
+    found = table(arena, row.size, 6)
+    where = in_rows(integers(arena, 2 * row.size), row.size, 2)
+    for c in range(row.size):
+        for j in range(6):
+            found[c, j] = entries[row[c], j]
+        where[c, 0], where[c, 1] = bodies[row[c], 0], bodies[row[c], 1]
+    return found, where
+
+
+@kernel
 def dense_columns(entries, bodies, D, A=None):
     """D⁻ᵀ G as a matrix (m, N).
 

@@ -59,13 +59,16 @@ def _cached_in(folder: str) -> Iterator[dict[str, Any]]:
         numba.config.CACHE_DIR = elsewhere  # type: ignore[attr-defined]
 
 
-def kernel_decorator(sources: Sequence[Path]) -> Callable[[Any], Any]:
-    """Decorator that compiles a function of one of `sources`; it stays callable from the others."""
+def kernel_decorator(sources: Sequence[Path], **more: Any) -> Callable[[Any], Any]:
+    """Decorator that compiles a function of one of `sources`; it stays callable from the others.
+
+    more : options of `numba.njit`
+    """
     folder = str(cache_folder(sources))
 
     def kernel(function: Any) -> Any:
         with _cached_in(folder) as options:
-            return numba.njit(**options)(function)
+            return numba.njit(**options, **more)(function)
 
     return kernel
 
@@ -102,4 +105,7 @@ class Direct:
         return self._code(*arguments)
 
 
-kernel = kernel_decorator(sources(defining(Path(__file__).parents[1], "\n@kernel\n"), ["problems"]))
+SOURCES = sources(defining(Path(__file__).parents[1], "\n@kernel\n"), ["problems"])
+kernel = kernel_decorator(SOURCES)
+stage = kernel_decorator(SOURCES, forceinline=True)
+"""A kernel that is a part of one other: its arguments, arrays by the dozen, are not copied."""

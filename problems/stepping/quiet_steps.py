@@ -14,7 +14,6 @@ from math import hypot, inf
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 import problems.formulas.multistep as multistep
 from problems.contacts.active_kernels import Frictions, qp_columns, without
@@ -30,6 +29,7 @@ from problems.contacts.geometry_kernels import (
     own_gains,
     past_tip,
     place_corners,
+    rows_of,
 )
 from problems.contacts.path_kernels import (
     beyond_edge,
@@ -58,7 +58,7 @@ from problems.friction.kernels import (
     spring_loads,
 )
 from problems.kernels.arena import numbers, table, zeros
-from problems.kernels.compiled import kernel
+from problems.kernels.compiled import kernel, stage
 from problems.kernels.numba_internals import lent, read_only
 from problems.qp import Indices, Vector
 from problems.stepping.quiet_records import AGAIN, CHANGED, EVENT, LOOK
@@ -79,7 +79,6 @@ class Work(NamedTuple):
     slip : (F,) g_Fᵀq̇, phi : (N,) and clearance : (L,) at its start
     lam_N, lam_F, bound : λ (N,), (F,) and μ Σ λ_* (F,) at its end
     qp : see `qp_room`;  phis, right, left : scratch of `first_dip`
-    every : (F,) of True
     """
 
     inverse_mass: Vector
@@ -98,7 +97,6 @@ class Work(NamedTuple):
     phis: Vector
     right: Vector
     left: Vector
-    every: NDArray[np.bool_]
 
 
 class Span(NamedTuple):
@@ -128,7 +126,7 @@ class Ended(NamedTuple):
     rubbing: Indices
 
 
-@kernel
+@stage
 def work_of(run, contacts, frictions):
     """`Work` for steps with these contacts."""
     arena, m, L = run.arena, run.D.size, run.corner.size
@@ -145,11 +143,10 @@ def work_of(run, contacts, frictions):
         qp_room(arena, m, frictions.row.size),
         table(arena, MAX_HALVINGS + 2, edges),
         *(numbers(arena, MAX_HALVINGS + 2), numbers(arena, edges)),
-        np.ones(F, np.bool_),
     )
 
 
-@kernel
+@stage
 def tables_of(shapes):
     """`Geometry.tables`."""
     return (
@@ -158,21 +155,21 @@ def tables_of(shapes):
     )
 
 
-@kernel
+@stage
 def pose_of(run, q):
     """`place_corners` at q (3n,)."""
     return place_corners(q, run.shapes.corner_body, run.shapes.corner_local, run.arena)
 
 
-@kernel
+@stage
 def clearances_of(run, pose):
     """Those of the candidates (L,)."""
     edges = run.shapes.part_body, run.shapes.edge_normal, run.shapes.edge_offset
     return clearances(*pose, run.corner, run.part, *edges, run.arena)
 
 
-@kernel
-def columns_of(run, contacts, frictions, work, pose):
+@stage
+def columns_of(run, contacts, frictions, pose):
     """`Ended` at a pose."""
     shapes, arena = run.shapes, run.arena
     phi, g_N, g_F, bodies, along, length = contact_columns(
@@ -181,16 +178,16 @@ def columns_of(run, contacts, frictions, work, pose):
         *(shapes.corner_body, shapes.part_body, shapes.edge_normal, shapes.edge_offset),
         *(shapes.edge_start, shapes.edge_length, arena),
     )
-    tangent, rubbing = gather_columns(g_N, g_F, bodies, frictions.first, work.every, arena)
+    tangent, rubbing = rows_of(g_F, bodies, frictions.first, arena)
     return Ended(phi, g_N, g_F, bodies, along, length, tangent, rubbing)
 
 
-@kernel
+@stage
 def look_back(run, contacts, frictions, work):
     """φ, clearances and slip where the steps begin; whether (2.9b) is satisfied there."""
     pose = pose_of(run, run.state.q)
     work.clearance[:] = clearances_of(run, pose)
-    here = columns_of(run, contacts, frictions, work, pose)
+    here = columns_of(run, contacts, frictions, pose)
     work.phi[:] = here.phi
     work.slip[:] = column_speeds(here.tangent, here.rubbing, run.state.v, run.arena)
     wrong = False
@@ -199,7 +196,7 @@ def look_back(run, contacts, frictions, work):
     return not wrong
 
 
-@kernel
+@stage
 def step_length(run, order):
     """As `Stepper._step_length`."""
     state, settings, clock, steps = run.state, run.settings, run.clock[0], run.tally[0].steps
@@ -214,7 +211,7 @@ def step_length(run, order):
     return next_length(clock.wish, steps, allowed, settings.h_max)
 
 
-@kernel
+@stage
 def next_span(run, work, longest, cut):
     """Step 1: h, at most `longest` and `cut`; q by (3.1a), b of (3.1b).  h = 0 where none fits."""
     state, clock, tally = run.state, run.clock[0], run.tally[0]
@@ -248,7 +245,7 @@ def covered(c, p, place, shapes, corners):
     return False
 
 
-@kernel
+@stage
 def hits(run, place, work, h, pose, clearance):
     """Step 3: whether a corner may hit something on the way."""
     shapes, state = run.shapes, run.state
@@ -273,7 +270,7 @@ def hits(run, place, work, h, pose, clearance):
     return False
 
 
-@kernel
+@stage
 def overlaps(run, place, work, h, pose):
     """Step 3: whether parts overlap at the end as they should not."""
     shapes = run.shapes
@@ -283,7 +280,7 @@ def overlaps(run, place, work, h, pose):
     return next_overlap(0, run.pairs, run.settings.allowed, motion, pose, place, parts, tables) >= 0
 
 
-@kernel
+@stage
 def slides_off(ended):
     """Step 3: whether an active corner is beyond its edge."""
     ends = False
@@ -292,7 +289,7 @@ def slides_off(ended):
     return ends
 
 
-@kernel
+@stage
 def first_guess(run, contacts, ended, phi, span):
     """λ_* (N,) of the first pass, as `VelocityEquations._first_guess`.
 
@@ -319,7 +316,7 @@ def first_guess(run, contacts, ended, phi, span):
     return spring_loads(phi, then, compliance, h, arena)
 
 
-@kernel
+@stage
 def velocity(run, contacts, frictions, work, span, ended, room):
     """Step 2: q̇_n and λ_n by (4.5), (4.6).  As `friction_passes` returns."""
     arena, k, N = run.arena, frictions.row.size, contacts.place.shape[0]
@@ -346,7 +343,7 @@ def velocity(run, contacts, frictions, work, span, ended, room):
     )
 
 
-@kernel
+@stage
 def feeds_back(frictions, work, ended, arena):
     """Whether sliding friction presses itself with a gain of 1 or more."""
     if not frictions.signs.any():
@@ -356,7 +353,7 @@ def feeds_back(frictions, work, ended, arena):
     return own_gains(*columns, work.inverse_mass, *rubs, arena).max() >= 1.0
 
 
-@kernel
+@stage
 def rejected_length(run, work, span, redone):
     """As `Stepper._rejected_length` of a step whose passes have settled."""
     eps, steps = run.settings.eps, run.tally[0].steps
@@ -370,7 +367,7 @@ def rejected_length(run, work, span, redone):
     return redone_length(span.h, second_order_error(change, span.h, run.clock[0].h), eps)
 
 
-@kernel
+@stage
 def accept(run, contacts, work, span, ended, clearance):
     """Make the end of the trial the newest time point, and keep it."""
     state, clock, tally, m = run.state, run.clock[0], run.tally[0], work.q.size
@@ -414,7 +411,7 @@ def wideness(shapes, place, j):
     return contact_tolerance(shapes.contact_tol, shapes.corner_part, place[j, 0], place[j, 1])
 
 
-@kernel
+@stage
 def any_separates(run, contacts, gap, speed):
     """Step 4: whether a contact with φ and g_Nᵀq̇ (N,) is to leave J_N."""
     for j in range(speed.size):
@@ -473,7 +470,7 @@ def let_slip(run, contacts, leaving, slip):
             note_change(run, contacts.friction_ids[j], contacts.signs[j])
 
 
-@kernel
+@stage
 def step_four(run, contacts, frictions, work, pose, ended, leaving):
     """Step 4 after an accepted step; whether the next one may be taken here, too."""
     tally, settings, F = run.tally[0], run.settings, work.slip.size
@@ -526,7 +523,7 @@ def steady_steps(run, contacts, frictions, leaving, solve, S, I, eps0, mode):
             return mode
         if overlaps(run, contacts.place, work, span.h, pose):
             return mode
-        ended = columns_of(run, contacts, frictions, work, pose)
+        ended = columns_of(run, contacts, frictions, pose)
         if slides_off(ended):
             return mode
         room = solve, S, I, eps0, mode

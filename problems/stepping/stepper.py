@@ -285,12 +285,13 @@ class Stepper:
             if self._jams(trial, step) or self._is_redone(trial, step):
                 continue
             lengths = self._stopping_lengths(trial, step)
-            if self._sticks_on_the_way(trial, lengths):
+            first = float(lengths.min(initial=np.inf))
+            if self._sticks_on_the_way(trial, lengths, first):
                 continue
-            if lengths.min(initial=np.inf) < SHORTEST_STEP:
-                self._stop_here(trial, lengths)
+            if first < SHORTEST_STEP:
+                self._stop_here(trial, lengths, first)
                 return
-            if self._is_cut(trial, lengths):
+            if self._is_cut(trial, first):
                 continue
             self._take(trial, ahead, step, lengths)
             return
@@ -332,7 +333,9 @@ class Stepper:
         system = self.system
         graph, path, allowed = system.graph, trial.path, system.allowed_overlap
         arrival, hits, losses = look_ahead(graph, path, trial.h, system.slowest_approach, allowed)
-        first = min([*(hit.h for hit in hits), *(loss.h for loss in losses)], default=np.inf)
+        if not (hits or losses):
+            return Ahead(arrival, hits, losses)
+        first = min([*(hit.h for hit in hits), *(loss.h for loss in losses)])
         hits = [hit for hit in hits if hit.h <= first + SAME_TIME]
         losses = [loss for loss in losses if loss.h <= first + SAME_TIME]
         if first < SHORTEST_STEP:
@@ -372,24 +375,23 @@ class Stepper:
         eps = self.system.options.eps
         return stopping_lengths(trial.signs, trial.slip, step.slip_speed, step.h, eps)
 
-    def _sticks_on_the_way(self, trial: Trial, lengths: Vector) -> bool:
+    def _sticks_on_the_way(self, trial: Trial, lengths: Vector, first: float) -> bool:
         """With `stops="held"`: whether what stops on the way is to stick for all of it."""
-        held = self.system.options.stops == "held" and lengths.min(initial=np.inf) < trial.h
+        held = first < trial.h and self.system.options.stops == "held"
         if held:
             trial.signs = np.where(lengths < trial.h, 0.0, trial.signs)
             self._reject()
         return held
 
-    def _stop_here(self, trial: Trial, lengths: Vector) -> None:
+    def _stop_here(self, trial: Trial, lengths: Vector, first: float) -> None:
         """Friction that stops at t_{n−1} itself: an event without a step."""
         self._reject()
         self.transitions.count_standstill()
-        first = np.flatnonzero(lengths <= lengths.min())
-        self.transitions.stick([trial.here.frictions[j] for j in first])
+        stopped = np.flatnonzero(lengths <= first)
+        self.transitions.stick([trial.here.frictions[j] for j in stopped])
 
-    def _is_cut(self, trial: Trial, lengths: Vector) -> bool:
+    def _is_cut(self, trial: Trial, first: float) -> bool:
         """Whether friction stops on the way, where the step is to end."""
-        first = lengths.min(initial=np.inf)
         if not first < trial.h * (1 - 1e-6):
             return False
         trial.located += 1
@@ -404,9 +406,11 @@ class Stepper:
         transitions.watch_gain(step, trial.signs)
         if trial.known == STUCK:
             transitions.jam(step)
-        held = (trial.signs == 0) & ~transitions.slides(step)
-        ends = [frictions[j] for j in np.flatnonzero(held | (lengths <= trial.h))]
-        stopped = [friction for friction in ends if friction.sign != 0]
+        stopped: list[Friction] = []
+        if frictions:
+            held = (trial.signs == 0) & ~transitions.slides(step)
+            ends = [frictions[j] for j in np.flatnonzero(held | (lengths <= trial.h))]
+            stopped = [friction for friction in ends if friction.sign != 0]
         self._after_step(step, ahead.hits, ahead.losses, stopped)
         self._watch_rest()
 

@@ -23,6 +23,7 @@ SOURCES = sources(
 """Files whose functions or constants are compiled into the method's kernels."""
 
 kernel = compiled.kernel_decorator(SOURCES)
+stage = compiled.kernel_decorator(SOURCES, forceinline=True)
 function = compiled.function_decorator(SOURCES, SIGNATURE)
 
 

@@ -13,7 +13,7 @@ from math import inf, nan, sqrt
 from problems.kernels.numba_internals import lent
 from problems.qp import AT_LOWER, AT_UPPER, FREE, PASSIVE
 from problems.qp_kernel import WARM
-from solvers.active_set.compiled import function, kernel
+from solvers.active_set.compiled import function, kernel, stage
 from solvers.active_set.conjugate_gradients import conjugate_gradients
 from solvers.active_set.factorization import (
     UNIT_ROUNDOFF,
@@ -543,7 +543,7 @@ def finish(row_id, lower, upper, S, I, k, f):
     I[COUNTS, OLD_K] = k
 
 
-@kernel
+@stage
 def reset(I, mode):
     """Counts of a new QP, and whether an earlier one is remembered."""
     for i in range(DIRECTIONS, FLOPS + 1):
@@ -554,7 +554,7 @@ def reset(I, mode):
     return (mode & WARM) != 0 and I[COUNTS, OLD_K] >= 0
 
 
-@kernel
+@stage
 def default_accuracy(S, mp, k):
     """1e-9 of the largest |b_jᵀ d|, ‖b_j‖ = 1."""
     take_gradient(S, mp, k, MOMENTUM)
@@ -564,7 +564,7 @@ def default_accuracy(S, mp, k):
     return eps0
 
 
-@kernel
+@stage
 def begin(S, I, m, mp, k, mode, warm, w):
     """Step 1: F and its R, that of an earlier QP unless it is due to be renewed.
 
@@ -592,7 +592,7 @@ def begin(S, I, m, mp, k, mode, warm, w):
     return f, age
 
 
-@kernel
+@stage
 def slope_of(S, I, f):
     """‖A_Fᵀ r‖."""
     slope = 0.0
@@ -601,7 +601,7 @@ def slope_of(S, I, f):
     return sqrt(slope)
 
 
-@kernel
+@stage
 def descend(S, I, m, mp, k, f, fresh, aim, mode):
     """Steps 3 to 6: a direction, by conjugate gradients or today's QR, as far as it is feasible.
 
@@ -628,7 +628,7 @@ def descend(S, I, m, mp, k, f, fresh, aim, mode):
     return f, fresh, theta, reached, rounding
 
 
-@kernel
+@stage
 def most_wrong(S, I, k, f, slope):
     """Step 8: ‖A_Fᵀ r‖ or the largest wrong sign, the largest of rows that may enter, and which."""
     left, worst, entering = slope, 0.0, -1
@@ -643,7 +643,7 @@ def most_wrong(S, I, k, f, slope):
     return left, worst, entering
 
 
-@kernel
+@stage
 def enter(S, I, m, mp, f, entering, fresh, eps0, rounding, mode):
     """A column enters F, unless it depends on it.  Returns |F|, whether R is today's, whether."""
     I[COUNTS, ORDER] = f
@@ -662,7 +662,7 @@ def enter(S, I, m, mp, f, entering, fresh, eps0, rounding, mode):
     return f, fresh, True
 
 
-@kernel
+@stage
 def remember_R(S, I, m, f, fresh, age, mode):
     """What the next QP may use of R, and what its use has cost."""
     I[COUNTS, OLD_ORDER] = -1
