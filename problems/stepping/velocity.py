@@ -1,6 +1,7 @@
-"""Step 2 of algorithm 1: q̇_n and λ_n at a given q_n, by (3.1b, c) or (4.5, 4.6).
+"""Step 2 of algorithm 1: q̇_n and λ_n at a given q_n, by (3.1b), (3.1c) or (4.5), (4.6).
 
-One pass poses the QP with the forces at the last guess and solves it.  Passes are repeated
+One pass poses the QP with the forces at the last guess and solves it; its λ_n satisfies (3.1c), or
+(4.7) with friction.  Passes are repeated
 
     - (3.9) while f depends on q̇: functional iteration from a predicted q̇_n⁽⁰⁾;
     - with corrected friction, until λ_* agrees with the λ_N that it gives;
