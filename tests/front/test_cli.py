@@ -25,8 +25,8 @@ from glambda.cli import app
 from glambda.cli.app import told
 from harness.recordings.recording import read_recording, write_recording
 from harness.results.store import read_results
+from harness.study import expected_misses, study, verify
 from harness.study.expected_misses import Expected
-from harness.study.study import expected_misses, study, verify
 from solvers import make_solver, registry
 from tests.fakes.crooked import CROOKED
 from tests.fakes.fake_recordings import fake_recording
