@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from glambda.cli import app
 from harness.judging.facts import facts_of
 from harness.motions import isolated_loops, loop
-from harness.motions.closed_loop import Findings, Plan, close_loops
+from harness.motions.closed_loop import Findings, LoopPlan, close_loops
 from harness.motions.in_loop import NOISES, SLOPPY, InLoop, Sloppy, check_backend, exact, posed
 from harness.motions.isolated_loops import run_isolated
 from harness.motions.loop import Loop, LoopResult, run_loop
@@ -36,7 +36,7 @@ from tests.fakes.loop_crimes import CRIMES, commit
 from tests.fakes.runs import scene_run
 
 LOOP = Loop("fig3", "lotstedt", "paper", 1e-3, 1e-3, 2e-3, until=0.9, time_limit=60.0)
-SMALL = Plan(
+SMALL = LoopPlan(
     scenes=("fig3",),
     solvers=("lotstedt", "clarabel"),
     settings=("paper",),
