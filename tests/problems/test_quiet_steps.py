@@ -89,7 +89,7 @@ def test_most_steps_are_left_to_the_solver(name, until, monkeypatch):
     monkeypatch.setattr(
         stepper.Stepper,
         "_try_velocity",
-        lambda self, *args: alone.append(self.t) or advance(self, *args),
+        lambda self, *args: alone.append(self.system.t) or advance(self, *args),
     )
     run = simulate(scene(name), make_solver("lotstedt"), until=until, keep_qps=False)
     assert len(alone) < 0.1 * run.counts["steps"]
