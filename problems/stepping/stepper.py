@@ -36,7 +36,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, final
+from typing import Any, NamedTuple, final
 
 import numpy as np
 
@@ -53,12 +53,9 @@ from problems.formulas.multistep import (
     redone_length,
 )
 from problems.formulas.step_kernels import FAR_TOO_DEEP, fastest_body, stopping_lengths
-from problems.friction.impulses import ImpulseRule
-from problems.friction.rules import FrictionRule
 from problems.qp import Vector
 from problems.scenes import Scene
 from problems.sequence import SimulationError, SolvesQPs
-from problems.stepping.drift import DRIFT_TIME, DriftRule
 from problems.stepping.events import (
     SAME_TIME,
     TOUCH_TOL,
@@ -68,7 +65,7 @@ from problems.stepping.events import (
     look_ahead,
     touching,
 )
-from problems.stepping.options import StepperOptions, StopRule
+from problems.stepping.options import StepperOptions
 from problems.stepping.quiet import LastStep, Quiet
 from problems.stepping.run import Run
 from problems.stepping.system import System
@@ -93,45 +90,23 @@ def simulate(
     *,
     eps: float | None = None,
     until: float | None = None,
-    drop_tol: float | None = None,
-    friction: FrictionRule = "corrected",
-    fixed_step: float | None = None,
-    stops: StopRule = "located",
-    h_first: float = 1e-3,
-    h_max: float = 0.02,
-    rest_speed: float | None = None,
-    order: int = 2,
-    impulses: ImpulseRule = "paper",
-    drift: DriftRule = "none",
-    drift_time: float = DRIFT_TIME,
     keep_qps: bool = True,
     progress: Callable[[float], None] | None = None,
+    **settings: Any,
 ) -> Run:
     """Simulate `scene` with `solver` in the loop, to `until` [s], its end time or rest.
 
-    eps and until default to the scene's own; the other settings are those of `StepperOptions`.
+    eps and until default to the scene's own.
     keep_qps : whether the run holds its QPs; without them, steps in which nothing happens are left
         to the solver where it can take them, see `problems.stepping.quiet`
     progress : called with t after every accepted step, or after some at once
+    settings : the others of `StepperOptions`, by name: friction="paper", fixed_step=0.005, …
 
     Raises ValueError for bad settings or bodies that overlap at the start, see `Stepper.start`,
-    `SimulationError` where the simulation cannot go on.  Whatever ends it early, Ctrl-C too, has
-    the motion until then as its `run`.
+    TypeError for settings that there are not, `SimulationError` where the simulation cannot go on.
+    Whatever ends it early, Ctrl-C too, has the motion until then as its `run`.
     """
-    options = StepperOptions.of(
-        scene.eps if eps is None else eps,
-        drop_tol,
-        rest_speed,
-        friction=friction,
-        fixed_step=fixed_step,
-        stops=stops,
-        h_first=h_first,
-        h_max=h_max,
-        order=order,
-        impulses=impulses,
-        drift=drift,
-        drift_time=drift_time,
-    )
+    options = StepperOptions.of(scene.eps if eps is None else eps, **settings)
     end = scene.end_time if until is None else float(until)
     if not (np.isfinite(end) and end > 0):
         name = "end_time" if until is None else "until"
