@@ -26,6 +26,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
+from problems.short import Short
+
 Vector = NDArray[np.float64]
 Matrix: TypeAlias = "NDArray[np.float64] | sp.csc_array"
 Indices = NDArray[np.int64]
@@ -84,8 +86,8 @@ def _frozen_matrix(value: Any) -> Matrix:
     return A
 
 
-@dataclass(frozen=True, eq=False)
-class ContactQP:
+@dataclass(frozen=True, eq=False, repr=False)
+class ContactQP(Short):
     """minimise ½‖A x + d‖² subject to lower ≤ x ≤ upper, with where it came from.
 
     A : (m, k) dense or SciPy sparse (kept as CSC)      D⁻ᵀG, or D⁻ᵀG V for an impulse
@@ -227,6 +229,12 @@ class ContactQP:
             array.setflags(write=False)
         return qp
 
+    def _title(self) -> str:
+        return self.kind
+
+    def _sizes(self) -> dict[str, Any]:
+        return {"rows": self.m, "columns": self.k, "t": f"{self.t:.6g} s", "eps0": self.eps0}
+
     def as_accepted(self) -> ContactQP:
         """The same QP, of a step that was accepted."""
         made: ContactQP = object.__new__(type(self))
@@ -271,8 +279,8 @@ class Timing:
     solve: float = 0.0
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
+@dataclass(frozen=True, eq=False, repr=False)
+class Solution(Short):
     """Answer to a `ContactQP`.
 
     x : (k,) float64 or None when there is no answer at all
@@ -293,12 +301,19 @@ class Solution:
     status_text: str = ""
     work: WorkCounts | None = None
     timing: Timing = field(default_factory=Timing)
-    memory: Any = field(default=None, repr=False)
+    memory: Any = None
 
     def __post_init__(self) -> None:
         for array in (self.x, self.row_id, self.working_set):
             if isinstance(array, np.ndarray):
                 array.setflags(write=False)
+
+    def _title(self) -> str:
+        return self.status.name.lower()
+
+    def _sizes(self) -> dict[str, Any]:
+        free = int(np.count_nonzero(self.working_set == FREE))
+        return {"multipliers": self.row_id.size, "free": free, "iterations": self.iterations}
 
     def without_memory(self) -> Solution:
         """The answer alone."""

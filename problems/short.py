@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any
 
-ONE = {"bodies": "body"}
+ONE = {"bodies": "body", "QPs kept": "QP kept"}
 """What one of them is called where that is not the word without its s."""
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from problems.qp import ContactQP, Indices, Solution, Vector
+from problems.short import Short
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -64,8 +65,8 @@ class Event(NamedTuple):
     detail: str
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
+@dataclass(frozen=True, eq=False, repr=False)
+class Run(Short):
     """Outcome of `simulate`.
 
     t : (n,) [s] accepted times; a time stands twice where an impulse changed the velocities
@@ -88,6 +89,18 @@ class Run:
     solutions: list[Solution]
     counts: dict[str, int]
     options: dict[str, Any]
+
+    def _title(self) -> str:
+        return self.scene.label
+
+    def _sizes(self) -> dict[str, Any]:
+        return {
+            **({"t": f"{self.t[-1]:.4g} s"} if len(self.t) else {}),
+            "bodies": len(self.scene.bodies),
+            "steps": self.counts["steps"],
+            "events": len(self.event_log),
+            "QPs kept": len(self.qps),
+        }
 
     @cached_property
     def multipliers(self) -> list[dict[int, float]]:

@@ -9,6 +9,7 @@ import pytest
 from problems import scene
 from problems.short import Short
 from tests.fakes.fake_recordings import fake_recording
+from tests.fakes.runs import scene_run
 
 
 class Heap(Short):
@@ -40,8 +41,19 @@ def test_a_scene_is_named_and_counted() -> None:
     assert repr(scene("fig4", mu_I=0.8)).startswith("Scene(fig4,mu_I=0.8: 3 bodies, mu = ")
 
 
-@pytest.mark.parametrize("made", [scene("fig2"), fake_recording()], ids=["scene", "recording"])
-def test_short(made: Short) -> None:
+RECORDING = fake_recording()
+MADE = {
+    "scene": scene("fig2"),
+    "recording": RECORDING,
+    "qp": RECORDING.qps[0],
+    "solution": RECORDING.solutions[0],
+    "run": scene_run("fig4"),
+}
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_short(name: str) -> None:
+    made: Any = MADE[name]
     assert len(repr(made)) < 200 and "\n" not in repr(made)
     assert len(made._repr_html_()) < 2000
 
@@ -49,3 +61,15 @@ def test_short(made: Short) -> None:
 def test_a_recording_counts_its_qps() -> None:
     recording = fake_recording()
     assert f", {len(recording.qps)} QPs, " in repr(recording)
+
+
+def test_a_run_is_told_in_a_line() -> None:
+    run = scene_run("fig4")
+    told = f"Run(fig4: t = {run.t[-1]:.4g} s, 3 bodies, {run.counts['steps']} steps, "
+    assert repr(run).startswith(told) and repr(run).endswith(f"{len(run.qps):,} QPs kept)")
+
+
+def test_an_answer_says_how_it_ended() -> None:
+    solution = RECORDING.solutions[0]
+    assert repr(solution).startswith(f"Solution(solved: {solution.row_id.size} multiplier")
+    assert repr(RECORDING.qps[0]).startswith(f"ContactQP({RECORDING.qps[0].kind}: ")
