@@ -34,6 +34,8 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any, NoReturn
 
+import psutil
+
 from harness.machine.threads import one_thread
 from harness.passes.measure import pose, run_pass
 from harness.processes.sheet import Layout, Lost, Pen
@@ -297,13 +299,10 @@ def _redirect(words: str) -> None:
 def _limit(memory: int) -> None:
     """Limit what the process may take: `memory` [bytes] beyond what it has."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    statm = Path("/proc/self/statm")
-    if statm.exists():
-        has = int(statm.read_text().split()[0]) * resource.getpagesize()
-        _lower(resource.RLIMIT_AS, has + memory)
-        with contextlib.suppress(OSError):
-            Path("/proc/self/oom_score_adj").write_text("1000")
-    if os.getuid() != 0 and Path("/proc").is_dir():
+    _lower(resource.RLIMIT_AS, psutil.Process().memory_info().vms + memory)
+    with contextlib.suppress(OSError):  # Linux alone has it
+        Path("/proc/self/oom_score_adj").write_text("1000")
+    if os.getuid() != 0:
         _lower(resource.RLIMIT_NPROC, _tasks_of(os.getuid()) + NEW_TASKS)
 
 
@@ -316,25 +315,15 @@ def _lower(which: int, value: int) -> None:
 
 def _tasks_of(user: int) -> int:
     """Processes and threads of a user."""
-    count = 0
-    for process in Path("/proc").glob("[0-9]*"):
-        with contextlib.suppress(OSError):
-            if process.stat().st_uid == user:
-                count += len(os.listdir(process / "task"))
-    return count
+    about = (process.info for process in psutil.process_iter(["uids", "num_threads"]))
+    own = (each for each in about if each["uids"] and each["uids"].real == user)
+    return sum(each["num_threads"] or 0 for each in own)
 
 
 def _parents() -> dict[int, int]:
-    """Process → its parent, of all that live; empty where the system does not tell."""
-    parents = {}
-    for entry in os.listdir("/proc") if os.path.isdir("/proc") else ():
-        if entry.isdigit():
-            with contextlib.suppress(OSError, ValueError):
-                with open(f"/proc/{entry}/stat", "rb") as file:
-                    state, parent = file.read().rpartition(b")")[2].split()[:2]
-                if state != b"Z":
-                    parents[int(entry)] = int(parent)
-    return parents
+    """Process → its parent, of all that live."""
+    living = (process.info for process in psutil.process_iter(["pid", "ppid", "status"]))
+    return {p["pid"]: p["ppid"] for p in living if p["status"] != psutil.STATUS_ZOMBIE}
 
 
 def _kill(pid: int) -> None:

@@ -18,6 +18,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import psutil
+
 from harness.machine.threads import VARIABLES
 from harness.passes.limits import Task
 from solvers.registry import target_of
@@ -200,10 +202,9 @@ class Process:
 
     def _resident(self) -> int:
         try:
-            pages = Path(f"/proc/{self.pid}/statm").read_text().split()[1]
-        except (OSError, IndexError):
+            return int(psutil.Process(self.pid).memory_info().rss)
+        except psutil.Error:
             return 0
-        return int(pages) * os.sysconf("SC_PAGESIZE")
 
     def last_words(self) -> str:
         """The last lines that it has printed, behind a colon, or nothing."""
