@@ -46,7 +46,10 @@ TRIALS = 8
 """Choices of δ that are tried."""
 SOLVED = 1e-10
 """Largest |min(z_i, w_i)| of an answer, relative to q: columns have length 1, so both are in its
-units, whatever the masses."""
+units, whatever the masses; and …"""
+ROUNDED = 1e-12
+"""… relative to the largest z: where contacts jam, λ is 10⁴ times q, and w = M z + q is rounded in
+its units, as is what should be 0 of z."""
 GOLDEN = (5**0.5 - 1) / 2
 """Its multiples, modulo 1, are spread evenly and no two of them alike."""
 
@@ -166,4 +169,4 @@ def _solution(M: NDArray[np.float64], q: Vector, basis: Indices) -> Vector | Non
     values[basis] = np.linalg.lstsq(columns, q, rcond=None)[0]
     z = np.maximum(values[n:], 0.0)
     off = np.abs(np.minimum(z, M @ z + q)).max()
-    return z if off <= SOLVED * size else None
+    return z if off <= SOLVED * size + ROUNDED * z.max() else None
