@@ -4,22 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-MEMINFO = Path("/proc/meminfo")
+import psutil
+
 GROUP = Path("/sys/fs/cgroup")
-"""Where Linux tells of the machine's memory, and a container of its own."""
+"""Where Linux tells of a container's memory."""
 
 
 def available_memory() -> float:
-    """Bytes that can be had without swapping, as far as the system tells; else infinity."""
-    return min(_of_machine(), _of_container())
-
-
-def _of_machine() -> float:
-    try:
-        lines = MEMINFO.read_text().splitlines()
-        return 1024.0 * next(int(line.split()[1]) for line in lines if line[:13] == "MemAvailable:")
-    except (OSError, ValueError, IndexError, StopIteration):
-        return float("inf")
+    """Bytes that can be had without swapping, from the machine and from its container if any."""
+    return min(float(psutil.virtual_memory().available), _of_container())
 
 
 def _of_container() -> float:
