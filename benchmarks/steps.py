@@ -121,14 +121,14 @@ def time_of(start: Scene, **options: Any) -> tuple[float, int, dict[str, float]]
     try:
         begin = time.process_time()
         with stages(clock):
-            while stepper.t < start.end_time - 1e-9 and not stepper.at_rest:
+            while stepper.system.t < start.end_time - 1e-9 and not stepper.at_rest:
                 stepper.advance(start.end_time)
                 if time.process_time() - begin > LIMIT:
                     break
         whole = time.process_time() - begin
     finally:
         gc.enable()
-    steps = stepper.counts["steps"]
+    steps = stepper.system.counts["steps"]
     return whole / steps, steps, {stage: clock.spent[stage] / whole for stage in SHARES}
 
 
@@ -138,10 +138,10 @@ def drift(bodies: int, velocity: float, steps: int = 100) -> tuple[float, float]
     kick = velocity * np.random.default_rng(0).uniform(-1.0, 1.0, (bodies, 3))
     stepper = started(replace(start, v0=kick), eps=1e-9, drop_tol=1e-3, fixed_step=1 / 240)
     begin = time.process_time()
-    while stepper.t < steps / 240 - 1e-9:
+    while stepper.system.t < steps / 240 - 1e-9:
         stepper.advance(steps / 240)
     seconds = (time.process_time() - begin) / steps
-    return float(np.abs(stepper.q.reshape(-1, 3) - start.q0).max()), seconds
+    return float(np.abs(stepper.system.q.reshape(-1, 3) - start.q0).max()), seconds
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -8,12 +8,12 @@ that is there but broken fails loudly.
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import dataclass, fields
 from functools import cache
 from importlib import metadata
 from typing import Any
 
+from problems.registry import load, unknown, with_plug_ins
 from solvers.base import Solver
 
 BUILT_IN = {
@@ -56,12 +56,7 @@ class SolverInfo:
 
 @cache
 def _targets() -> dict[str, str]:
-    targets = dict(BUILT_IN)
-    for entry in sorted(metadata.entry_points(group="glambda.solvers"), key=lambda e: e.name):
-        if entry.name in targets:
-            raise ValueError(f"two solvers are called {entry.name!r}; rename the plug-in's")
-        targets[entry.name] = entry.value
-    return targets
+    return with_plug_ins("solver", BUILT_IN)
 
 
 def register(name: str, target: str) -> None:
@@ -79,10 +74,10 @@ def target_of(name: str) -> str:
     Raises ValueError for an unknown name.
     """
     base, _ = _split(name)
-    target = _REGISTERED.get(base) or _targets().get(base)
-    if target is None:
-        raise ValueError(f"unknown solver {name!r}; there are: {', '.join(solver_names())}")
-    return target
+    targets = {**_targets(), **_REGISTERED}
+    if base not in targets:
+        raise unknown("solver", name, targets)
+    return targets[base]
 
 
 def _split(name: str) -> tuple[str, str | None]:
@@ -98,8 +93,7 @@ def solver_class(name: str) -> type[Solver]:
     Raises ValueError for an unknown name and ImportError where its package is absent.
     """
     target = target_of(name)
-    module, _, attribute = target.partition(":")
-    cls = getattr(importlib.import_module(module), attribute)
+    cls = load(target)
     if not (isinstance(cls, type) and issubclass(cls, Solver)):
         raise ImportError(f"{target} is not a class derived from solvers.base.Solver")
     return cls

@@ -196,8 +196,21 @@ def output_file(path: Path | None, suffixes: tuple[str, ...], option: str) -> Pa
     return path
 
 
+def _tell_version(asked: bool) -> None:
+    if asked:
+        import glambda
+
+        say(f"glambda {glambda.__version__}")
+        raise typer.Exit
+
+
 @app.callback(epilog=EPILOG)
-def glambda() -> None:
+def main(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_tell_version, is_eager=True, help="tell it and exit"),
+    ] = False,
+) -> None:
     """Rigid bodies in contact by Lötstedt's 1984 method, and a fair replay of its QPs.
 
     A scene is simulated; each time step poses a quadratic program, min ½‖A x + d‖² within bounds.

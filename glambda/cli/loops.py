@@ -45,16 +45,16 @@ def closed_loop(
 
     Example:  glambda closed-loop fig4 --solvers lotstedt,clarabel,osqp --settings paper,1e-3
     """
-    from harness.motions.closed_loop import Plan, close_loops
+    from harness.motions.closed_loop import LoopPlan, close_loops
     from harness.progress import shown
     from problems.scenes.labels import PAPER_SCENES
     from reports.motions.closed_loop import print_closed_loop, write_closed_loop
 
-    plan = Plan(
+    plan = LoopPlan(
         scenes=tuple(scenes or PAPER_SCENES),
         solvers=tuple(chosen_solvers(solvers)),
-        settings=tuple(split_names(settings, list(Plan.settings))),
-        sweep=() if sweep == "none" else tuple(split_names(sweep, list(Plan.sweep))),
+        settings=tuple(split_names(settings, list(LoopPlan.settings))),
+        sweep=() if sweep == "none" else tuple(split_names(sweep, list(LoopPlan.sweep))),
         until=until,
         eps=eps,
         time_limit=time_limit,

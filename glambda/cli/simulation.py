@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -28,21 +31,53 @@ if TYPE_CHECKING:
     from harness.recordings.recording import Recording
     from problems import Run
 
+RUN_OPTIONS: dict[str, tuple[Any, Any]] = {
+    "eps": (Eps, None),
+    "until": (Until, None),
+    "fixed_step": (FixedStep, None),
+    "stops": (Stops, "located"),
+    "friction": (Friction, "corrected"),
+    "impulses": (Impulses, "paper"),
+    "drop_tol": (DropTol, None),
+    "drift": (Drift, "none"),
+    "drift_time": (DriftTime, None),
+}
+"""Options about how a scene is run, with their types and defaults."""
+
+
+def runs_scenes(command: Callable[..., Any]) -> Callable[..., Any]:
+    """A command with `RUN_OPTIONS`, which it is handed as `how`, for `problems.simulate`.
+
+    Raises ValueError for a time of drift without the rule that takes it.
+    """
+
+    @functools.wraps(command)
+    def run(**options: Any) -> Any:
+        how = {name: options.pop(name) for name in RUN_OPTIONS}
+        if how["drift_time"] is None:
+            del how["drift_time"]
+        elif how["drift"] != "baumgarte":
+            raise ValueError(f"--drift-time {how['drift_time']:g}: give --drift baumgarte with it")
+        return command(**options, how=how)
+
+    signature = inspect.signature(command, eval_str=True)
+    own = [each for each in signature.parameters.values() if each.name != "how"]
+    more = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+        for name, (kind, default) in RUN_OPTIONS.items()
+    ]
+    run.__signature__ = inspect.Signature([*own, *more])  # type: ignore[attr-defined]
+    run.__annotations__ = {each.name: each.annotation for each in (*own, *more)}
+    return run
+
 
 @app.command()
 @told
+@runs_scenes
 def simulate(
+    how: dict[str, Any],
     scene: Annotated[str, typer.Argument(help="a scene, see 'glambda scenes'")],
     solver: Annotated[str, typer.Option(help="drives the simulation")] = "lotstedt",
-    eps: Eps = None,
-    until: Until = None,
-    fixed_step: FixedStep = None,
-    stops: Stops = "located",
-    friction: Friction = "corrected",
-    impulses: Impulses = "paper",
-    drop_tol: DropTol = None,
-    drift: Drift = "none",
-    drift_time: DriftTime = None,
     settings: Sets = None,
     trajectory: Annotated[
         Path | None, typer.Option(metavar="F.csv", help="positions; events to F.events.csv")
@@ -70,21 +105,14 @@ def simulate(
     name, parameters = parse_label(scene)
     with shown(f"make {scene}", terminal(err=True)):  # a large heap takes half a minute
         made = make_scene(name, **{**parameters, **parse_settings(settings or [])})
-    end = made.end_time if until is None else until
+    end = made.end_time if how["until"] is None else how["until"]
     early: BaseException | None = None
     try:
         with shown(f"simulate {made.label}", terminal(err=True)) as tell:
             run = run_scene(
                 made,
                 make_solver(solver),
-                eps=eps,
-                until=until,
-                fixed_step=fixed_step,
-                stops=stops,
-                friction=friction,
-                impulses=impulses,
-                drop_tol=drop_tol,
-                **_stabilization(drift, drift_time),
+                **how,
                 keep_qps=False,
                 progress=lambda t: tell(f"t = {t:.3f} s", t, end),
             )
@@ -120,20 +148,13 @@ def _write(run: Run, table: Path | None, picture: Path | None, film: Path | None
 
 @app.command()
 @told
+@runs_scenes
 def record(
+    how: dict[str, Any],
     scene: Annotated[
         list[str] | None, typer.Argument(metavar="[SCENE...]", help="default: the paper's four")
     ] = None,
     settings: Sets = None,
-    eps: Eps = None,
-    until: Until = None,
-    fixed_step: FixedStep = None,
-    stops: Stops = "located",
-    friction: Friction = "corrected",
-    impulses: Impulses = "paper",
-    drop_tol: DropTol = None,
-    drift: Drift = "none",
-    drift_time: DriftTime = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="also where another recording of the scene is")
     ] = False,
@@ -147,30 +168,8 @@ def record(
 
     Example:  glambda record fig4 --set mu_I=0.8 -o recordings
     """
-    options = {
-        "eps": eps,
-        "until": until,
-        "fixed_step": fixed_step,
-        "stops": stops,
-        "friction": friction,
-        "impulses": impulses,
-        "drop_tol": drop_tol,
-        **_stabilization(drift, drift_time),
-    }
-    for made, path in recorded(scene, settings, options, output, overwrite):
+    for made, path in recorded(scene, settings, how, output, overwrite):
         typer.echo(f"{path}: {len(made.qps)} QPs, digest {made.digest[:12]}…")
-
-
-def _stabilization(drift: str, drift_time: float | None) -> dict[str, Any]:
-    """What `problems.simulate` is told of drift.
-
-    Raises ValueError for a time without the rule that takes it.
-    """
-    if drift_time is None:
-        return {"drift": drift}
-    if drift != "baumgarte":
-        raise ValueError(f"--drift-time {drift_time:g}: give --drift baumgarte with it")
-    return {"drift": drift, "drift_time": drift_time}
 
 
 def recorded(

@@ -59,11 +59,11 @@ def study(
     from glambda.display import replay_table
     from harness.progress import shown
     from harness.results.store import read_results
-    from harness.study.study import QUICK, Plan, run_study
+    from harness.study.study import QUICK, StudyPlan, run_study
     from problems.scenes.labels import PAPER_SCENES
     from reports.page.page import write_report
 
-    plan = QUICK if quick else Plan()
+    plan = QUICK if quick else StudyPlan()
     if scenes is not None:
         plan = with_changes(plan, scenes=PAPER_SCENES if scenes == "all" else tuple(scenes.split()))
     if solvers is not None:

@@ -23,11 +23,10 @@ from scipy.optimize import linprog
 from harness.judging.contact_rows import ContactRows, contact_rows
 from harness.judging.proof import Proof, prove
 from harness.judging.span import Basis, Flags, Span, SparseSpan, span_of
+from harness.judging.tolerances import RANK_TOL
 from problems.least_norm.independence import surely_independent
 from problems.qp import ContactQP, Matrix, Vector
 
-RANK_TOL = 1e-10
-"""A singular value counts towards the rank if it exceeds this fraction of the largest."""
 NOISE = 1e-12
 """‖A A⁺ d‖ below this fraction of ‖d‖ is rounding."""
 ASKED_RELATIVE = {"high": 1e-9, "default": 1e-6}

@@ -41,7 +41,7 @@ from harness.judging.error_bound import ROUND_UP, error_bound, rounding_of
 from harness.judging.facts import Facts, facts_of
 from harness.judging.oracle import UNIT_ROUNDOFF
 from harness.judging.oracle import reference as find_reference
-from harness.judging.physics import NAN, physics
+from harness.judging.physics import NAN, Physics, physics
 from harness.recordings.recording import Reference
 from problems.qp import ContactQP, Vector
 
@@ -63,8 +63,8 @@ VERDICTS = (
 
 
 @dataclass(frozen=True)
-class Judgement:
-    """What one answer is worth.
+class Judgement(Physics):
+    """What one answer is worth, with the measures of `harness.judging.physics`.
 
     verdict : one of `VERDICTS`
     error : e of the verdict, in ‖A δx‖;  asked : the accuracy that it is measured against
@@ -74,8 +74,6 @@ class Judgement:
     lambda_distance : ‖λ − λ*‖, λ* being the reference's.  A diagnostic, since λ is not unique where
         A lacks rank; for the QPs of kind minimum_norm, z of (4.8), which is unique
     error_bound : bound on ‖A(x − x*)‖ that needs no reference
-    approach, pull, coulomb_excess, work_error, energy_error, physics_error :
-        `harness.judging.physics`
     primal_residual, dual_residual, duality_gap : item 1 of the module's list
     """
 
@@ -90,12 +88,6 @@ class Judgement:
     primal_residual: float = NAN
     dual_residual: float = NAN
     duality_gap: float = NAN
-    approach: float = NAN
-    pull: float = NAN
-    coulomb_excess: float = NAN
-    work_error: float = NAN
-    energy_error: float = NAN
-    physics_error: float = NAN
 
 
 def judge(

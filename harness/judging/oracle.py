@@ -51,6 +51,7 @@ from harness.judging.error_bound import distance, error_bound, upward
 from harness.judging.facts import Facts, facts_of
 from harness.judging.proof import COLUMNS, MANY_COLUMNS, Proof, prove
 from harness.judging.span import SparseSpan
+from harness.judging.tolerances import STEP_TOL
 from harness.recordings.recording import Reference
 from problems.qp import ContactQP, Vector
 
@@ -59,8 +60,6 @@ ACCEPTED = 1e-10
 UNIT_ROUNDOFF = 0.5 * float(np.finfo(np.float64).eps)
 ROUNDING = 64 * float(np.finfo(np.longdouble).eps)
 """A gradient Δ_i below this times ‖a_i‖ ‖ |A||x| + |d| ‖ is 0."""
-RANK_TOL = 1e-13
-"""A singular value below this fraction of the largest is 0."""
 FEW = 3
 """Solves with all columns that are worth it to prove an answer at once, without steps 1 to 4."""
 MAX_CHANGES = 50
@@ -165,7 +164,7 @@ def _descend(facts: Facts, x: np.ndarray, free: Flags) -> bool:
         index = np.flatnonzero(free)
         columns = facts.unit_columns[:, index]
         r = np.asarray(facts.A @ x + facts.d, float)
-        p = np.linalg.lstsq(columns, -r, rcond=RANK_TOL)[0] / facts.units[index]
+        p = np.linalg.lstsq(columns, -r, rcond=STEP_TOL)[0] / facts.units[index]
         room = np.where(p > 0, upper[index] - x[index], x[index] - lower[index])
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = np.where(p != 0, room / np.abs(p), np.inf)
@@ -188,7 +187,7 @@ def _refine(facts: Facts, x: np.ndarray, free: Flags) -> np.ndarray:
     refined = x.copy()
     A, units = facts.A[:, free], facts.units[free]
     _, sigma, Vt = np.linalg.svd(facts.unit_columns[:, free], full_matrices=False)
-    kept = sigma > RANK_TOL * sigma[:1]
+    kept = sigma > STEP_TOL * sigma[:1]
     sigma, Vt = sigma[kept], Vt[kept]
     for _ in range(3):
         gradient = np.asarray(A.T @ (facts.A @ refined + facts.d) / units, float)

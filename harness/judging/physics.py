@@ -38,7 +38,7 @@ from problems.qp import Vector
 NAN = float("nan")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Physics:
     """The measures of the module; NaN where they make no sense."""
 

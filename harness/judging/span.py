@@ -34,11 +34,10 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import SuperLU, splu
 
 from harness.judging.proof import exact_rank
+from harness.judging.tolerances import SPAN_TOL
 from problems.qp import Matrix, Vector
 
 UNIT = float(np.finfo(np.float64).eps)
-RANK_TOL = 1e-12
-"""A singular value below this fraction of the largest is 0 (few columns)."""
 SVD_ERROR = 10.0
 """Singular values are this times max(m, f) u σ_max off at most."""
 DELTA = 1e-6
@@ -122,7 +121,7 @@ class DenseSpan:
     @cached_property
     def _factors(self) -> tuple[Vector, Vector, Vector]:
         U, sigma, Vt = np.linalg.svd(self.columns, full_matrices=False)
-        kept = sigma > RANK_TOL * sigma[:1]
+        kept = sigma > SPAN_TOL * sigma[:1]
         return U[:, kept], sigma[kept], Vt[kept]
 
     def correction(self, gradient: Vector) -> Vector:
@@ -140,7 +139,7 @@ class DenseSpan:
             return Basis(everything, flatness)
         R, order = sla.qr(self.columns, mode="r", pivoting=True)[:2]
         diagonal = np.abs(R.diagonal())
-        rank = int((diagonal > RANK_TOL * diagonal[:1]).sum())
+        rank = int((diagonal > SPAN_TOL * diagonal[:1]).sum())
         B = np.zeros(count, bool)
         B[order[:rank]] = True
         flatness = _least_singular_value(self.columns[:, B])
@@ -150,9 +149,9 @@ class DenseSpan:
 
     @cached_property
     def nearby(self) -> Nearby:
-        """By `RANK_TOL`."""
+        """By `SPAN_TOL`."""
         sigma = np.linalg.svd(self.columns, compute_uv=False)
-        kept = sigma > RANK_TOL * sigma[:1]
+        kept = sigma > SPAN_TOL * sigma[:1]
         return Nearby(sigma[kept].min(initial=np.inf), float(np.linalg.norm(sigma[~kept])))
 
     def taken(self, x: Vector) -> float:
@@ -297,7 +296,7 @@ class SparseSpan:
             return False
         for j in N.tolist():
             coefficients = np.abs(inner._combination(self.columns[:, [j]].toarray().ravel()))
-            circuit = coefficients > RANK_TOL * coefficients.max(initial=0.0)
+            circuit = coefficients > SPAN_TOL * coefficients.max(initial=0.0)
             if circuit.sum() > CIRCUIT:
                 return False
             some = np.zeros(B.size, bool)

@@ -54,7 +54,7 @@ NAN = float("nan")
 
 
 @dataclass(frozen=True)
-class Plan:
+class LoopPlan:
     """What is run.
 
     scenes : labels;  solvers : names; empty: every backend that is installed
@@ -144,7 +144,7 @@ class Campaign:
 
 
 def close_loops(
-    plan: Plan, folder: str | Path, *, progress: Progress | None = None
+    plan: LoopPlan, folder: str | Path, *, progress: Progress | None = None
 ) -> list[Findings]:
     """Run what is not in the folder yet, and compare.
 

@@ -33,7 +33,7 @@ from harness.motions import in_loop, run_physics
 from harness.motions.loop import VERDICTS, Loop, LoopResult
 from harness.motions.motion_error import Motion
 from harness.names import METHOD
-from harness.results.store import StoreError
+from harness.results.shard_file import StoreError, refuse_other
 from problems.qp import Vector
 from problems.stepping.run import Event
 
@@ -132,12 +132,7 @@ def load_loop(folder: Path, loop: Loop) -> LoopResult | None:
 
     about, table = read_parquet(path, check, wrong, metadata_limit=ABOUT_LIMIT)
     for kept, now in ((about["loop"], asdict(loop)), (about["made_by"], made_by(loop))):
-        for name, value in now.items():
-            if kept.get(name) != value:
-                raise StoreError(
-                    f"{path}: made with {name} {str(kept.get(name))[:100]!r}, now {value!r}; "
-                    "results may not be mixed: use another results folder, or delete this file"
-                )
+        refuse_other(path, kept, now)
     return LoopResult(
         loop=loop,
         verdict=about["verdict"],

@@ -7,7 +7,6 @@ absent package is told with its remedy.
 
 from __future__ import annotations
 
-import importlib
 import sys
 from dataclasses import dataclass
 from importlib import metadata
@@ -16,6 +15,7 @@ from pathlib import Path
 from harness.machine.machine import problems_version, solver_version, source_hash
 from harness.peers.base import Peer
 from problems.kernels.sources import sources
+from problems.registry import load, unknown
 
 OURS = "glambda"
 ENGINES = {
@@ -51,9 +51,8 @@ def engine_class(name: str) -> type[Peer]:
     """
     target = ENGINES.get(name, name)
     if ":" not in target:
-        raise ValueError(f"unknown engine {name!r}; there are: {', '.join(ENGINES)}")
-    module, _, attribute = target.partition(":")
-    found: type[Peer] = getattr(importlib.import_module(module), attribute)
+        raise unknown("engine", name, ENGINES)
+    found: type[Peer] = load(target)
     return found
 
 

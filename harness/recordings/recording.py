@@ -48,6 +48,7 @@ from harness.files.whole_files import write_whole
 from harness.recordings.file import HEADER, RecordingError, Stored, file_bytes, read_file
 from harness.recordings.layout import MAY_BE_INFINITE, check_lengths, pack, unpack
 from problems.qp import AT_LOWER, AT_UPPER, FREE, PASSIVE, ContactQP, Solution, Vector
+from problems.short import Short
 from problems.stepping.run import Event
 
 REMEDY = "record the scene again with 'glambda record'"
@@ -87,8 +88,8 @@ class Reference:
         return self.proof in PROVED
 
 
-@dataclass(frozen=True, eq=False)
-class Recording:
+@dataclass(frozen=True, eq=False, repr=False)
+class Recording(Short):
     """All QPs of one run in solve order, with the answers of the stepper and of the oracle.
 
     scene : label, such as "fig4,mu_I=0.8";  parameters : everything that was chosen
@@ -115,6 +116,18 @@ class Recording:
     v: Vector
     events: Sequence[Event]
     counts: Mapping[str, int]
+
+    def _title(self) -> str:
+        return self.scene
+
+    def _sizes(self) -> dict[str, Any]:
+        return {
+            **({"t": f"{self.t[-1]:.4g} s"} if len(self.t) else {}),
+            "bodies": len(self.polygons),
+            "QPs": len(self.qps),
+            "references": sum(each is not None for each in self.references),
+            "events": len(self.events),
+        }
 
     @cached_property
     def digest(self) -> str:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from harness.results.shard_file import TIMES, StoredShard, StoreError, runtimes
 from harness.results.store import read_shards
-from harness.results.time_ratios import Run, TimeRatios, time_ratios
+from harness.results.time_ratios import ComparedRun, TimeRatios, time_ratios
 from problems.qp import WorkCounts
 
 PACE = TIMES.index("pace")
@@ -91,7 +91,7 @@ def compare_results(first: str | Path, second: str | Path) -> Changes:
     _refuse_other_problems(a, b)
     both = [name for name in a if name in b]
     sides = [_calm(shards) for shards in (a, b)]
-    runs: list[Run] = []
+    runs: list[ComparedRun] = []
     times: list[dict[str, Any]] = []
     counts: list[dict[str, Any]] = []
     verdicts: list[dict[str, Any]] = []
@@ -101,7 +101,7 @@ def compare_results(first: str | Path, second: str | Path) -> Changes:
             raise StoreError(f"{second}: the QPs of {' '.join(name)} are not those of {first}")
         verified = (before["verdict"] == "verified") & (after["verdict"] == "verified")
         compared = verified.to_numpy() & (a[name].key.machine == b[name].key.machine)
-        run = Run(
+        run = ComparedRun(
             name.solver,
             (name.scene, name.settings),
             *(np.where(compared, side[name], np.nan) for side in sides),
@@ -179,7 +179,7 @@ def _paces(shard: StoredShard) -> list[float]:
     return np.nanmedian(known, axis=1).tolist() if len(known) else []
 
 
-def _typical(run: Run) -> dict[str, float]:
+def _typical(run: ComparedRun) -> dict[str, float]:
     """Number of QPs that are compared, and the medians of their least times."""
     least = np.array([run.before.min(axis=0), run.after.min(axis=0)])
     known = least[:, np.isfinite(least).all(axis=0)]

@@ -31,7 +31,9 @@ from harness.files.sealed_parquet import (
     read_parquet,
     said_of_itself,
 )
+from harness.judging.physics import MEASURES
 from harness.results.shard_values import check_key, check_rows, check_times
+from problems.qp import WorkCounts
 
 FORMAT_VERSION = 3
 TIMES = ("build_time", "setup_time", "solve_time", "call_time", "pace")
@@ -70,24 +72,14 @@ COLUMNS: dict[str, pa.DataType] = {
     "pace": pa.float64(),
     "runtime_median": pa.float64(),
     "iterations": pa.int64(),
-    "descent_directions": pa.int64(),
-    "working_set_changes": pa.int64(),
-    "qr_factorizations": pa.int64(),
-    "qr_updates": pa.int64(),
-    "cg_iterations": pa.int64(),
-    "flops": pa.int64(),
+    **dict.fromkeys(WorkCounts.__dataclass_fields__, pa.int64()),
     "glambda_error": pa.float64(),
     "eps0_ratio": pa.float64(),
     "error_bound": pa.float64(),
     "objective_error": pa.float64(),
     "lambda_distance": pa.float64(),
     "proof": pa.string(),  # what the reference rests on: exact, bound, ill-posed; empty: none
-    "approach": pa.float64(),  # [m/s]; these six: `harness.judging.physics`
-    "pull": pa.float64(),  # [N, N s]
-    "coulomb_excess": pa.float64(),  # [N]
-    "work_error": pa.float64(),  # [J]
-    "energy_error": pa.float64(),  # [J]
-    "physics_error": pa.float64(),
+    **dict.fromkeys(MEASURES, pa.float64()),
     "machine": pa.string(),
     "versions": pa.string(),
     "study": pa.string(),
@@ -114,6 +106,16 @@ ROW_BYTES = 8 * (2 + 2 * len(TIMES))
 
 class StoreError(ValueError):
     """A results folder that cannot be read or may not be added to, with the remedy."""
+
+
+def refuse_other(path: Path, made: Mapping[str, Any], asked: Mapping[str, Any]) -> None:
+    """Raise StoreError where what is at `path` was made from or by something else."""
+    for name, value in asked.items():
+        if made.get(name) != value:
+            raise StoreError(
+                f"{path}: made with {name} {str(made.get(name))[:100]!r}, now {str(value)!r}; "
+                "results may not be mixed: use another results folder, or delete this file"
+            )
 
 
 @dataclass(frozen=True)

@@ -51,6 +51,7 @@ from harness.results.shard_file import (
     StoredShard,
     StoreError,
     read_shard,
+    refuse_other,
     shard_bytes,
 )
 
@@ -135,13 +136,7 @@ class Store:
         if not path.exists():
             return None
         stored = read_shard(path)
-        for name, value in asdict(key).items():
-            before = getattr(stored.key, name)
-            if before != value:
-                raise StoreError(
-                    f"{path}: made with {name} {before!r}, now {value!r}; "
-                    "results may not be mixed: use another results folder, or delete this file"
-                )
+        refuse_other(path, asdict(stored.key), asdict(key))
         return _final(_shard_of(stored))
 
     def save(self, shard: Shard) -> None:

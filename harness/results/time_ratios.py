@@ -50,7 +50,7 @@ LEAST_SPREAD = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class ComparedRun:
     """The times of a solver in both studies, [s], NaN for QPs that are not compared.
 
     place : what shares its passes and QPs with others: a recording at a setting
@@ -101,7 +101,7 @@ class TimeRatios:
     solvers: dict[str, Ratio]
 
 
-def time_ratios(runs: Sequence[Run], seed: int = 0) -> TimeRatios:
+def time_ratios(runs: Sequence[ComparedRun], seed: int = 0) -> TimeRatios:
     """Compare the times of two studies (module's list); the same times give the same answer."""
     logs = [(_log(run.before), _log(run.after)) for run in runs]
     compared = [np.flatnonzero(np.isfinite(_of_qps(*pair))) for pair in logs]
@@ -151,7 +151,7 @@ def _of_qps(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[
     return after.min(axis=-2) - before.min(axis=-2)
 
 
-def _machine(logs: NDArray[np.float64], runs: Sequence[Run]) -> NDArray[np.float64]:
+def _machine(logs: NDArray[np.float64], runs: Sequence[ComparedRun]) -> NDArray[np.float64]:
     """(…, runs) logarithms of the ratio that all packages share where and when a run was made."""
     shared = np.zeros(logs.shape)
     for place in {run.place for run in runs}:
@@ -167,7 +167,7 @@ def _machine(logs: NDArray[np.float64], runs: Sequence[Run]) -> NDArray[np.float
 
 
 def _drawn(
-    runs: Sequence[Run],
+    runs: Sequence[ComparedRun],
     sides: Sequence[tuple[NDArray[np.float64], ...]],
     rng: np.random.Generator,
 ) -> NDArray[np.float64]:

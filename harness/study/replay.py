@@ -20,7 +20,7 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -29,8 +29,7 @@ import numpy as np
 import pandas as pd
 
 from harness.judging.facts import Facts, facts_of, setting_name, setting_names
-from harness.judging.judge import judge
-from harness.judging.physics import MEASURES
+from harness.judging.judge import Judgement, judge
 from harness.machine.calibration import calibrate
 from harness.machine.machine import machine_label, solver_version
 from harness.passes.limits import MEMORY_LIMIT, TIME_LIMIT, Limits, Pass, hard_limit
@@ -40,7 +39,7 @@ from harness.processes.in_process import InProcess
 from harness.processes.isolate import Block, Task, is_available
 from harness.progress import Progress
 from harness.recordings.recording import Recording, read_recording
-from harness.results.store import SPENT, TIMES, Shard, ShardKey, Store, read_results
+from harness.results.store import COLUMNS, SPENT, TIMES, Shard, ShardKey, Store, read_results
 from problems.qp import WorkCounts
 from solvers import make_solver
 from solvers.registry import solver_class
@@ -49,16 +48,12 @@ DOUBT = "its own clock is not believed: ours, around the whole call, is used"
 CALL = TIMES.index("call_time")
 REPEATS, SLOW_PASS = 3, 10.0
 """Passes of a run, and seconds of one beyond which it is not repeated, if nothing else is said."""
-JUDGED = (
-    *("verdict", "primal_residual", "dual_residual", "duality_gap"),
-    *("glambda_error", "eps0_ratio", "error_bound", "objective_error", "lambda_distance"),
-    *MEASURES,
-)
+JUDGED = [entry.name for entry in fields(Judgement) if entry.name in COLUMNS]
 """What a row has of its judgement."""
 
 
 @dataclass(eq=False)
-class Run:
+class StoredRun:
     """A solver in one arm on one recording at one setting, and what has been stored of it."""
 
     key: ShardKey
@@ -249,7 +244,7 @@ class _Judged:
         self.recording, self.setting, self.facts, self.study = recording, setting, facts, study
         self.asked = [f.asked(setting) for f in facts]
 
-    def shard(self, run: Run, done: Pass, pace: float) -> Shard:
+    def shard(self, run: StoredRun, done: Pass, pace: float) -> Shard:
         """The shard of a run, grown by a pass before which the calibration took `pace` [s]."""
         times, doubted = believed(done.times)
         times = np.column_stack([times, np.full(len(times), pace)])
@@ -307,8 +302,7 @@ class _Judged:
             seek_reference=False,
             mu=self.recording.mu[index],
         )
-        for name in JUDGED:
-            row[name] = getattr(judgement, name)
+        row |= {name: getattr(judgement, name) for name in JUDGED}
         if outcome.verdict is not None:
             row["verdict"] = outcome.verdict
         return row
@@ -321,7 +315,7 @@ def _runs(
     setting: str,
     arms: Sequence[str],
     limits: Limits,
-) -> list[Run]:
+) -> list[StoredRun]:
     """The runs of one recording at one setting, with what the store has of them."""
     runs = []
     options = _options(setting)
@@ -341,7 +335,8 @@ def _runs(
                 time_limit=limits.time,
                 memory_limit=limits.memory,
             )
-            runs.append(Run(key, Task(name, tuple(options.items()), arm), store.load(key)))
+            task = Task(name, tuple(options.items()), arm)
+            runs.append(StoredRun(key, task, store.load(key)))
     return runs
 
 

@@ -37,7 +37,7 @@ VARIANTS = tuple(f"lotstedt[{variant}]" for variant in LOTSTEDT_VARIANTS if vari
 
 
 @dataclass(frozen=True)
-class Plan:
+class StudyPlan:
     """What a study does.
 
     scenes : labels, such as "fig4" or "fig4,mu_I=0.8"
@@ -70,7 +70,7 @@ class Plan:
         return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()[:8]
 
 
-QUICK = Plan(
+QUICK = StudyPlan(
     until=2.0,
     solvers=(
         *("lotstedt", "velocity", "pgs", "scipy_bvls", "osqp", "proxqp"),
@@ -98,7 +98,7 @@ def record_into(
 
 
 def run_study(
-    plan: Plan,
+    plan: StudyPlan,
     results: Path,
     *,
     cluster: str | int | None = None,

@@ -15,6 +15,11 @@ class Path:
     velocity: Vector
     curvature: Vector
 
+    @property
+    def parts(self) -> tuple[Vector, Vector, Vector]:
+        """start, velocity and curvature, as kernels take them."""
+        return self.start, self.velocity, self.curvature
+
     def __call__(self, h: float) -> Vector:
         return self.start + h * (self.velocity + h * self.curvature)
 

@@ -41,11 +41,7 @@ def dips(
 
     Both (N,), inf where there is none.
     """
-    return find_dips(
-        *(path.start, path.velocity, path.curvature, h, corner, part, floor),
-        *(geometry.corner_body, geometry.corner_local, geometry.part_body),
-        *(geometry.edge_normal, geometry.edge_offset),
-    )
+    return find_dips(path.parts, h, corner, part, floor, geometry.tables)
 
 
 @kernel
@@ -67,8 +63,9 @@ def floors(clearance, level):
 
 
 @kernel
-def _edge_distances(q, velocity, curvature, h, a, b, local, normal, offset, phi):
+def _edge_distances(path, h, bodies, local, edges, phi):
     """φ of a corner against every edge of a part at q + h (velocity + h curvature), into phi."""
+    (q, velocity, curvature), (a, b), (normal, offset) = path, bodies, edges
     place = np.zeros((2, 3))
     for side in range(2):
         body = a if side == 0 else b
@@ -86,8 +83,9 @@ def _edge_distances(q, velocity, curvature, h, a, b, local, normal, offset, phi)
 
 
 @kernel
-def _curvature_bound(q, velocity, curvature, h, a, b, radius):
+def _curvature_bound(path, h, bodies, radius):
     """C of the module's head for one corner, at `radius` from the centre of its body a."""
+    (q, velocity, curvature), (a, b) = path, bodies
     speed, distance, spin_a, spin_b = 0.0, 0.0, 0.0, 0.0
     bend = np.zeros(3)
     for end in range(2):
@@ -119,26 +117,27 @@ def _curvature_bound(q, velocity, curvature, h, a, b, radius):
 
 
 @kernel
-def first_dip(q, velocity, curvature, h, a, b, local, normal, offset, floor, phi, right, left):
+def first_dip(path, h, bodies, local, edges, floor, scratch):
     """Start and end of the first stretch found at whose end a corner of body a is below its floor.
 
     Both are inf where there is none.
 
-    local : (2,) the corner in its body;  normal, offset : the edges of the part, of body b
-    phi (MAX_HALVINGS + 2, E), right (MAX_HALVINGS + 2,), left (E,) : scratch
+    path : q, velocity and curvature of `Path`;  bodies : a, b, those of the corner and of the part
+    local : (2,) the corner in its body;  edges : normals (E, 2) and offsets (E,) of the part
+    scratch : (MAX_HALVINGS + 2, E), (MAX_HALVINGS + 2,), (E,)
     """
-    edges = offset.size
-    bend = _curvature_bound(q, velocity, curvature, h, a, b, np.hypot(local[0], local[1]))
+    phi, right, left = scratch
+    bend = _curvature_bound(path, h, bodies, np.hypot(local[0], local[1]))
     level = floor - SHALLOW
     start, top = 0.0, 0
     right[0] = h
-    _edge_distances(q, velocity, curvature, 0.0, a, b, local, normal, offset, left)
-    _edge_distances(q, velocity, curvature, h, a, b, local, normal, offset, phi[0])
+    _edge_distances(path, 0.0, bodies, local, edges, left)
+    _edge_distances(path, h, bodies, local, edges, phi[0])
     while top >= 0:
         length = right[top] - start
         sag = bend * length * length / 8
         free = False
-        for e in range(edges):
+        for e in range(left.size):
             if min(left[e], phi[top, e]) - sag >= level:
                 free = True
                 break
@@ -152,25 +151,25 @@ def first_dip(q, velocity, curvature, h, a, b, local, normal, offset, floor, phi
         middle = start + length / 2
         top += 1
         right[top] = middle
-        _edge_distances(q, velocity, curvature, middle, a, b, local, normal, offset, phi[top])
+        _edge_distances(path, middle, bodies, local, edges, phi[top])
         if phi[top].max() < level:
             return start, middle
     return np.inf, np.inf
 
 
 @kernel
-def find_dips(
-    q, velocity, curvature, h, corner, part, floor, corner_body, local, part_body, normal, offset
-):
-    """The same as `dips` from arrays: those of a path, and those of a geometry."""
+def find_dips(path, h, corner, part, floor, tables):
+    """The same as `dips` from arrays: of a path, and `Geometry.tables`."""
+    corner_body, corner_local, part_body, normal, offset = tables[:5]
     count, edges = corner.size, offset.shape[1]
     starts, ends = np.empty(count), np.empty(count)
-    phi = np.empty((MAX_HALVINGS + 2, edges))
-    right, left = np.empty(MAX_HALVINGS + 2), np.empty(edges)
+    scratch = (
+        np.empty((MAX_HALVINGS + 2, edges)),
+        np.empty(MAX_HALVINGS + 2),
+        np.empty(edges),
+    )
     for i in range(count):
-        p, c = part[i], corner[i]
-        starts[i], ends[i] = first_dip(
-            *(q, velocity, curvature, h, corner_body[c], part_body[p], local[c]),
-            *(normal[p], offset[p], floor[i], phi, right, left),
-        )
+        c, p = corner[i], part[i]
+        bodies, sides = (corner_body[c], part_body[p]), (normal[p], offset[p])
+        starts[i], ends[i] = first_dip(path, h, bodies, corner_local[c], sides, floor[i], scratch)
     return starts, ends

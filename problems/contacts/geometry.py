@@ -171,11 +171,7 @@ class Geometry:
 
     def clearance_on_path(self, path: Path, h: float, corner: int, part: int) -> float:
         """The same of one corner at path(h)."""
-        return clearance_on_path(
-            *(path.start, path.velocity, path.curvature, h, corner, part),
-            *(self.corner_body, self.corner_local, self.part_body),
-            *(self.edge_normal, self.edge_offset),
-        )
+        return clearance_on_path(path.parts, h, corner, part, self.tables)
 
     def columns(self, pose: Pose, corner: Indices, part: Indices, edge: Indices) -> Columns:
         """Constraint functions and columns of N corner–edge pairs."""
@@ -296,10 +292,9 @@ class Geometry:
 
         And where: the corner, part and edge of the axis along which it is the least.
         """
-        depth, *place = least_overlap(
-            *(*pose, one, two, -np.inf, self.part_first, self.part_size),
-            *(self.part_body, self.edge_normal, self.edge_offset),
-        )
+        parts = self.part_first, self.part_size, self.part_body
+        edges = self.edge_normal, self.edge_offset
+        depth, *place = least_overlap(tuple(pose), one, two, -np.inf, parts, edges)
         return depth, (place[0], place[1], place[2])
 
     def penetration(self, pose: Pose, pair: tuple[int, int]) -> float:

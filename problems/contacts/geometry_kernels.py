@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from problems.kernels.arena import integers, numbers, table, zeros
-from problems.kernels.compiled import in_rows, kernel
+from problems.kernels.compiled import kernel
+from problems.kernels.numba_internals import in_rows
 
 
 @kernel
@@ -62,10 +63,13 @@ def clearances(corners, centres, cosine, sine, corner, part, part_body, normal, 
 
 
 @kernel
-def clearance_on_path(
-    q, velocity, curvature, h, corner, part, corner_body, corner_local, part_body, normal, offset
-):
-    """max_e φ_e of one corner against one part at q + h (velocity + h curvature)."""
+def clearance_on_path(path, h, corner, part, tables):
+    """max_e φ_e of one corner against one part at q + h (velocity + h curvature).
+
+    path : q, velocity, curvature;  tables : `Geometry.tables`
+    """
+    q, velocity, curvature = path
+    corner_body, corner_local, part_body, normal, offset = tables[:5]
     state = np.zeros((2, 3))
     for side in range(2):
         b = corner_body[corner] if side == 0 else part_body[part]
@@ -95,26 +99,18 @@ def past_tip(phi, edge):
 
 
 @kernel
-def least_overlap(
-    corners,
-    centres,
-    cosine,
-    sine,
-    one,
-    two,
-    enough,
-    first,
-    size,
-    part_body,
-    normal,
-    offset,
-):
+def least_overlap(pose, one, two, enough, parts, edges):
     """By how far two convex parts overlap [m], and the corner, part and edge of that axis.
 
     Of all edges of both the one whose deepest corner of the other part is the least deep; less
     than 0 where it keeps them apart.  An edge where they overlap by less than `enough` ends the
     search.
+
+    pose : see `place_corners`;  parts : first corner, size and body of each part
+    edges : normals (parts, E, 2) and offsets (parts, E)
     """
+    corners, centres, cosine, sine = pose
+    (first, size, part_body), (normal, offset) = parts, edges
     least, corner, part, edge = np.inf, -1, -1, -1
     for turn in range(2):
         p, other = (one, two) if turn == 0 else (two, one)
@@ -275,6 +271,18 @@ def gather_columns(normal, tangent, bodies, row, tangential, arena=None):
             entries[c, j] = source[i, j]
         where[c, 0], where[c, 1] = bodies[i, 0], bodies[i, 1]
     return entries, where
+
+
+@kernel
+def rows_of(entries, bodies, row, arena=None):
+    """Entries (F, 6) and bodies (F, 2) of these rows (F,) of others."""
+    found = table(arena, row.size, 6)
+    where = in_rows(integers(arena, 2 * row.size), row.size, 2)
+    for c in range(row.size):
+        for j in range(6):
+            found[c, j] = entries[row[c], j]
+        where[c, 0], where[c, 1] = bodies[row[c], 0], bodies[row[c], 1]
+    return found, where
 
 
 @kernel

@@ -91,21 +91,15 @@ def contact_tolerance(contact_tol, corner_part, corner, part):
 
 
 @kernel
-def enters(
-    q, velocity, curvature, h, before, after, level, a, b, local, normal, offset, phi, right, left
-):
+def enters(path, h, gaps, bodies, local, edges, scratch):
     """Whether a corner ends below its reference level in a part, or dips into it on the way.
 
-    before, after : its clearances at the two ends of the path [m];  the others: see `first_dip`
+    gaps : its clearances at the two ends of the path, and the level [m];  others : see `first_dip`
     """
-    return (
-        ends_inside(before - level, after - level)
-        or first_dip(
-            *(q, velocity, curvature, h, a, b, local, normal, offset),
-            *(floor_of(before, level), phi, right, left),
-        )[1]
-        <= h
-    )
+    before, after, level = gaps
+    if ends_inside(before - level, after - level):
+        return True
+    return first_dip(path, h, bodies, local, edges, floor_of(before, level), scratch)[1] <= h
 
 
 @kernel
@@ -120,55 +114,47 @@ def sink_levels(clearance, free, level):
 
 
 @kernel
-def arrive(
-    q0,
-    velocity,
-    curvature,
-    h,
-    listed_at,
-    radius,
-    corner,
-    part,
-    level,
-    free,
-    places,
-    corner_body,
-    corner_local,
-    part_body,
-    normal,
-    offset,
-    start,
-    length,
-):
+def arrive(path, h, listed_at, candidates, places, radius, tables):
     """The end q = q0 + h (velocity + h curvature) of a path, and whether anything happens there.
 
+    path : q0, velocity, curvature;  candidates : corner, part, level, free (L,)
+    places : (N, 3) of J_N;  tables : `Geometry.tables`
+
     Returns q (3n,), its pose, the clearances (L,) of the candidates, how far a body has moved since
-    they were listed, whether a free one may hit something on the way, and whether a
-    place (N, 3) of J_N is beyond an end of its edge.
+    they were listed, whether a free one may hit something on the way, and whether a place is beyond
+    an end of its edge.
     """
+    (q0, velocity, curvature), (corner, part, level, free) = path, candidates
+    corner_body, corner_local, part_body, normal, offset = tables[:5]
     q = path_end(q0, velocity, curvature, h)
-    corners, centres, cosine, sine = place_corners(q, corner_body, corner_local)
+    pose = place_corners(q, corner_body, corner_local)
     moved = largest_motion(listed_at, q, radius)
-    clearance = clearances(corners, centres, cosine, sine, corner, part, part_body, normal, offset)
+    clearance = clearances(*pose, corner, part, part_body, normal, offset)
     way = ways(velocity, curvature, h, radius)
-    phi = np.empty((MAX_HALVINGS + 2, offset.shape[1]))
-    right, left = np.empty(MAX_HALVINGS + 2), np.empty(offset.shape[1])
+    scratch = (
+        np.empty((MAX_HALVINGS + 2, offset.shape[1])),
+        np.empty(MAX_HALVINGS + 2),
+        np.empty(offset.shape[1]),
+    )
     hit = False
     for i in range(level.size):
         c, p = corner[i], part[i]
         both = way[corner_body[c]] + way[part_body[p]]
         if hit or not free[i] or miss(0.0, clearance[i] - level[i], both):
             continue
-        before = clearance_on_path(
-            *(q0, velocity, curvature, 0.0, c, p),
-            *(corner_body, corner_local, part_body, normal, offset),
-        )
+        before = clearance_on_path(path, 0.0, c, p, tables)
         if miss(before - level[i], clearance[i] - level[i], both):
             continue
-        hit = enters(
-            *(q0, velocity, curvature, h, before, clearance[i], level[i], corner_body[c]),
-            *(part_body[p], corner_local[c], normal[p], offset[p], phi, right, left),
-        )
+        gaps, bodies = (before, clearance[i], level[i]), (corner_body[c], part_body[p])
+        hit = enters(path, h, gaps, bodies, corner_local[c], (normal[p], offset[p]), scratch)
+    return q, *pose, clearance, moved, hit, any_beyond(pose, places, tables)
+
+
+@kernel
+def any_beyond(pose, places, tables):
+    """Whether a place (N, 3) is beyond an end of its edge."""
+    corners, centres, cosine, sine = pose
+    _, _, part_body, normal, _, start, length = tables
     ended = False
     for i in range(places.shape[0]):
         c, p, e = places[i, 0], places[i, 1], places[i, 2]
@@ -177,4 +163,4 @@ def arrive(
         tx, ty = -(sine[b] * x + cosine[b] * y), cosine[b] * x - sine[b] * y
         along = tx * (corners[c, 0] - centres[b, 0]) + ty * (corners[c, 1] - centres[b, 1])
         ended |= beyond_edge(along - start[p, e], length[p, e])
-    return q, corners, centres, cosine, sine, clearance, moved, hit, ended
+    return ended

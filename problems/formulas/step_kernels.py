@@ -41,37 +41,20 @@ def separates(gap, speed, drop_tol, contact_tol):
 
 
 @kernel
-def next_overlap(
-    begin,
-    pairs,
-    allowed,
-    velocity,
-    curvature,
-    h,
-    corners,
-    centres,
-    cosine,
-    sine,
-    places,
-    first,
-    size,
-    radius,
-    corner_body,
-    part_body,
-    normal,
-    offset,
-    start,
-    length,
-):
+def next_overlap(begin, pairs, allowed, motion, pose, places, parts, tables):
     """The first pair from `begin` on that should not overlap as it does at the end of a path.
 
     pairs : (P, 2) parts that are near;  allowed : overlap that drift may leave [m]
-    velocity, curvature, h : those of the path;  corners, … : the pose at its end
-    places : (N, 3) of J_N
+    motion : velocity, curvature (3n,) and h of the path;  pose : at its end
+    places : (N, 3) of J_N;  parts : first corner and size of each part, radius of each body
+    tables : `Geometry.tables`
 
     −1 where there is none.  A pair may overlap by more where a constraint of J_N is just there, or
     where its parts leave each other; but not by `FAR_TOO_DEEP` times as much.
     """
+    (velocity, curvature, h), (first, size, radius) = motion, parts
+    corner_body, _, part_body, normal, offset, start, length = tables
+    centres = pose[1]
     for i in range(begin, pairs.shape[0]):
         one, two = pairs[i, 0], pairs[i, 1]
         a, b = part_body[one], part_body[two]
@@ -81,8 +64,7 @@ def next_overlap(
             if x * x + y * y > reach * reach:
                 continue
         depth, c, p, e = least_overlap(
-            *(corners, centres, cosine, sine, one, two, allowed),
-            *(first, size, part_body, normal, offset),
+            pose, one, two, allowed, (first, size, part_body), (normal, offset)
         )
         if depth < allowed:
             continue
@@ -94,7 +76,7 @@ def next_overlap(
         if held:
             continue
         g_N, _, bodies = contact_columns(
-            *(corners, centres, cosine, sine, np.array([[c, p, e]]), corner_body, part_body),
+            *(*pose, np.array([[c, p, e]]), corner_body, part_body),
             *(normal, offset, start, length),
         )[1:4]
         if column_speeds(g_N, bodies, velocity + 2 * h * curvature)[0] < 0.0:

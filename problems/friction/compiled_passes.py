@@ -22,7 +22,8 @@ from problems.friction.kernels import (
     small_newton_multipliers,
 )
 from problems.kernels.arena import numbers, zeros
-from problems.kernels.compiled import in_rows, kernel, lent, read_only
+from problems.kernels.compiled import kernel
+from problems.kernels.numba_internals import in_rows, lent, read_only
 from problems.least_norm.compiled import least_norm
 from problems.least_norm.independence import SAFE_FRACTION, far_from_dependent
 from problems.qp import LARGEST
@@ -56,29 +57,14 @@ def cones(frictions):
 
 
 @kernel
-def friction_passes(
-    frictions,
-    D,
-    forces,
-    columns,
-    layout,
-    tangents,
-    lam_star,
-    b,
-    h,
-    alpha0,
-    stop,
-    qp,
-    room,
-    found,
-    arena,
-):
+def friction_passes(frictions, step, columns, lam_star, stop, qp, room, found, arena):
     """q̇ and λ by (4.5), (4.6).  How many passes settled, `mode` for the next QP, QPs solved.
 
     There are 0 passes where they do not settle, or a QP is not solved.
 
-    frictions : `problems.contacts.active_kernels.Frictions`;  D, forces, b : (m,)
-    columns : g_N (N, 6) and their bodies (N, 2);  layout, tangents : those of the QP and of g_F
+    frictions : `problems.contacts.active_kernels.Frictions`
+    step : D, f, b (m,), h and α₀ of (3.1b)
+    columns : (entries (·, 6), bodies (·, 2)) of g_N, of the QP as it is laid out, and of g_F
     lam_star : (N,) of the first pass
     stop : passes at most; the change of ‖q̇‖_M that another may make; ε₀ of a QP; whether it is the
         next pass that counts, and not all further ones by (3.14)
@@ -88,13 +74,16 @@ def friction_passes(
     arena : see `problems.kernels.arena`
     """
     # tuples are lent, and arrays handed on one by one: else it is counted each time who holds them
-    frictions, (entries, pairs), (g_F, rubbing) = lent(frictions), lent(layout), lent(tangents)
+    frictions, columns = lent(frictions), lent(columns)
+    normals, (entries, pairs), tangents = columns
+    g_F, rubbing = tangents
+    D, forces, b, h, alpha0 = lent(step)
     signs, sticking = frictions.signs, frictions.sticking
     friction_of, mu = frictions.friction_of, frictions.mu
     A, d, lower, upper = lent(qp)
     solve, S, I, eps0, mode = lent(room)
     v, a, lam_N, lam_F, bound = lent(found)
-    forces, lam_star, arena = lent(forces), lent(lam_star), lent(arena)
+    lam_star, arena = lent(lam_star), lent(arena)
     most, tolerance, rounding, next_only = stop
     m, k, N, F = D.size, frictions.row.size, lam_N.size, lam_F.size
     inverse_mass, force = numbers(arena, m), numbers(arena, m)
@@ -154,50 +143,33 @@ def friction_passes(
         slip = column_speeds(g_F, rubbing, v, arena)
         sigma = forced_signs(signs, lam_F, bound, slip, arena)
         lam_star = small_newton_multipliers(
-            columns,
-            tangents,
-            inverse_mass,
-            friction_of,
-            mu,
-            signs,
-            sigma,
-            lam_star,
-            lam_N,
-            False,
+            *(normals, tangents, inverse_mass, friction_of, mu),
+            *(signs, sigma, lam_star, lam_N, False),
         )
     return 0, mode, solves
 
 
 @kernel
-def impulse_passes(
-    frictions,
-    D,
-    v,
-    F,
-    columns,
-    layout,
-    tangents,
-    most,
-    tolerance,
-    arena,
-    solve,
-    S,
-    I,
-    accuracy,
-    mode,
-):
+def impulse_passes(collision, most, tolerance, arena, solve, S, I, accuracy, mode):
     """Whether a collision settled; q̇₊ (m,), Λ_N (N,), Λ_F (F,) and the QPs solved.
 
-    v, F : q̇₋ and the external impulse (m,);  the others: see `friction_passes`
+    collision : `problems.friction.collision.Collision`;  the others: see `friction_passes`
     """
+    frictions, D, v, F, columns, layout, tangents = collision
     count, m = columns[1].shape[0], D.size
     after, a, lam_N = np.empty(m), np.empty(m), np.zeros(count)
     lam_F, bound = np.zeros(frictions.mu.size), np.zeros(frictions.mu.size)
     qp = qp_room(arena, m, frictions.row.size)
     dense_columns(*layout, D, qp[0])
     passes, _, solves = friction_passes(
-        *(frictions, D, F, columns, layout, tangents, np.full(count, inf), v, 1.0, 1.0),
-        *((most, tolerance, accuracy, True), qp, (solve, S, I, accuracy, mode)),
-        *((after, a, lam_N, lam_F, bound), arena),
+        frictions,
+        (D, F, v, 1.0, 1.0),
+        (columns, layout, tangents),
+        np.full(count, inf),
+        (most, tolerance, accuracy, True),
+        qp,
+        (solve, S, I, accuracy, mode),
+        (after, a, lam_N, lam_F, bound),
+        arena,
     )
     return passes > 0, after, lam_N, lam_F, solves

@@ -159,7 +159,7 @@ def _compiled_impulse(
     m, k = collision.D.size, collision.frictions.row_id.size
     room = solver.room(m, k, accuracy, None)
     settled, *impact = run_impulse_passes(
-        *(*collision, MAX_PASSES, tolerance, Arena.of(m + k)),
+        *(collision, MAX_PASSES, tolerance, Arena.of(m + k)),
         *(method.solve, room.S, room.I, room.eps0, method.mode),
     )
     return Impact(*impact) if settled else None

@@ -1,4 +1,4 @@
-"""Corrected friction: the fixed point λ_* = λ_N(λ_*) of (4.5), (4.6) by Newton's method.
+"""Corrected friction: (2.9) as a fixed point λ_* = λ_N(λ_*) of (4.5), (4.6), by Newton's method.
 
 A pass solves the QP with the sliding forces s μ Σ λ_* and the bounds ± μ Σ λ_* and finds λ_N(λ_*).
 Let S be the columns of the free normals and of the frictions strictly inside their bounds, and

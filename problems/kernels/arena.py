@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from problems.kernels.compiled import in_rows, kernel
+from problems.kernels.compiled import kernel
+from problems.kernels.numba_internals import in_rows
 from problems.qp import Indices, Vector
 
 PER_ENTRY = 64

@@ -11,7 +11,8 @@ from math import inf, sqrt
 import numpy as np
 
 from problems.kernels.arena import integers, numbers, table
-from problems.kernels.compiled import in_rows, kernel, read_only
+from problems.kernels.compiled import kernel
+from problems.kernels.numba_internals import in_rows, read_only
 from problems.least_norm.independence import ACCURACY, RANK_TOL
 from problems.least_norm.sparse_minimum_norm import SAME_FORCE
 from problems.qp_kernel import N_FLOAT_ROWS, N_INT_ROWS, WARM, X, room_size

@@ -13,7 +13,8 @@ from numpy.linalg import norm
 from scipy.sparse.linalg import splu
 
 from problems.kernels.arena import zeros
-from problems.kernels.compiled import in_rows, kernel
+from problems.kernels.compiled import kernel
+from problems.kernels.numba_internals import in_rows
 from problems.qp import Matrix, Vector
 
 SPARSE_SAFE_FRACTION = 3e-7

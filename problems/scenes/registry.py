@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import importlib
 import inspect
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
-from importlib import metadata
 from typing import Any
 
+from problems.registry import load, unknown, with_plug_ins
 from problems.scenes.scene import Scene
 
 PAPER = {
@@ -36,12 +35,7 @@ BUILT_IN = PAPER | FAMILIES | FALLING | STUDIES
 
 @cache
 def _targets() -> dict[str, str]:
-    targets = dict(BUILT_IN)
-    for entry in sorted(metadata.entry_points(group="glambda.scenes"), key=lambda e: e.name):
-        if entry.name in targets:
-            raise ValueError(f"two scenes are called {entry.name!r}; rename the plug-in's")
-        targets[entry.name] = entry.value
-    return targets
+    return with_plug_ins("scene", BUILT_IN)
 
 
 def scene_names() -> list[str]:
@@ -50,11 +44,10 @@ def scene_names() -> list[str]:
 
 
 def _maker(name: str) -> Callable[..., Scene]:
-    target = _targets().get(name)
-    if target is None:
-        raise ValueError(f"unknown scene {name!r}; there are: {', '.join(_targets())}")
-    module, _, attribute = target.partition(":")
-    return getattr(importlib.import_module(module), attribute)
+    if name not in _targets():
+        raise unknown("scene", name, _targets())
+    maker: Callable[..., Scene] = load(_targets()[name])
+    return maker
 
 
 def describe_scene(name: str) -> tuple[str, dict[str, Any]]:

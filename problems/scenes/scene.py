@@ -13,6 +13,7 @@ from problems.bodies.checks import check_body
 from problems.bodies.forces import Force, Gravity, Impulse
 from problems.contacts.geometry import HalfPlane
 from problems.qp import Vector
+from problems.short import Short
 
 MOST_BODIES = 20_000
 """Of bricks and boxes: so many have been stepped in less than a gigabyte."""
@@ -35,8 +36,8 @@ def at_most(**limits: float) -> Callable[[Maker], Maker]:
     return declare
 
 
-@dataclass(frozen=True, eq=False)
-class Scene:
+@dataclass(frozen=True, eq=False, repr=False)
+class Scene(Short):
     """Bodies, their initial state, and everything that acts on them.
 
     bodies : the bodies, numbered from 1 in everything that people read
@@ -101,6 +102,12 @@ class Scene:
             )
         if not self.label:
             object.__setattr__(self, "label", self.name)
+
+    def _title(self) -> str:
+        return self.label
+
+    def _sizes(self) -> dict[str, Any]:
+        return {"bodies": len(self.bodies), "mu": f"{self.mu:g}", "end": f"{self.end_time:g} s"}
 
     def mu_between(self, a: int, b: int) -> float:
         """Friction coefficient of two bodies by index, `GROUND` for the ground."""

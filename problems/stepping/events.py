@@ -90,10 +90,10 @@ def look_ahead(
     geometry, near, active = graph.geometry, graph.candidates, graph.active_set()
 
     def at_the_end() -> tuple:
+        candidates = near.corner, near.part, near.level, near.free
         return arrive(
-            *(path.start, path.velocity, path.curvature, h, near.listed_at, geometry.radius),
-            *(near.corner, near.part, near.level, near.free, active.place),
-            *geometry.tables,
+            *(path.parts, h, near.listed_at, candidates),
+            *(active.place, geometry.radius, geometry.tables),
         )
 
     q, corners, centres, cosine, sine, clearance, moved, hit, ended = at_the_end()
@@ -191,15 +191,15 @@ def late_hits(
     pose : that of path(h).  Returns also the pairs that overlap by `FAR_TOO_DEEP` times as much.
     """
     geometry, near = graph.geometry, graph.candidates
+    motion = path.velocity, path.curvature, h
+    parts = geometry.part_first, geometry.part_size, geometry.radius
     hits: list[Hit] = []
     too_deep: dict[tuple[int, int], float] = {}
     i = -1
     while True:
         i = next_overlap(
-            *(i + 1, near.pairs, allowed, path.velocity, path.curvature, h),
-            *(*pose, graph.active_set().place, geometry.part_first, geometry.part_size),
-            *(geometry.radius, geometry.corner_body, geometry.part_body, geometry.edge_normal),
-            *(geometry.edge_offset, geometry.edge_start, geometry.edge_length),
+            *(i + 1, near.pairs, allowed, motion, tuple(pose)),
+            *(graph.active_set().place, parts, geometry.tables),
         )
         if i < 0:
             return hits, too_deep

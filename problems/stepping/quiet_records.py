@@ -20,23 +20,62 @@ from problems.qp import Indices, Vector
 MOST = 256
 """Steps of one call."""
 
-# rows of `QuietSteps.state`
-Q, V, V_BEFORE, A, A_BEFORE = range(5)
-# entries of `QuietSteps.reals`: the time, the last step and the one wished for [s] …
-TIME, H, WISH = range(3)
-# … and what the stepper is set to, the overlap that is allowed last [m]
-EPS, DROP_TOL, H_MAX, FIXED, REST_SPEED, UNTIL, REACH, ALLOWED = range(3, 11)
-# entries of `QuietSteps.counts`: steps since the last restart, steps taken, QPs solved, those of
-# them that belong to steps taken or rejected, highest order, why there were no more, time points
-# with λ, passes of friction at most (1: lagged), steps rejected because their error turned out too
-# large or friction stops, whether nothing happens at UNTIL, passes of the last step, whether steps
-# are cut where friction stops, changes of the contacts
-STEPS, TAKEN, SOLVES, COUNTED, HIGHEST, ENDED, KNOWN, MOST_PASSES, REJECTED, OPEN = range(10)
-PASSES, CUTS, CHANGES = 10, 11, 12
-ENTRIES = 13
-# values of `counts[ENDED]`: the next step is the stepper's; it has to look at the last one first;
-# there is no more room, or the candidates have to be listed anew; on the way, contacts have changed
 EVENT, LOOK, AGAIN, CHANGED = range(4)
+"""Why there were no more steps: the next one is the stepper's; it has to look at the last one
+first; there is no more room, or the candidates have to be listed anew; on the way, contacts have
+changed."""
+
+
+class State(NamedTuple):
+    """Position, velocities and accelerations at the last two time points, (3n,) each."""
+
+    q: Vector
+    v: Vector
+    v_before: Vector
+    a: Vector
+    a_before: Vector
+
+
+class Settings(NamedTuple):
+    """What the stepper is set to.
+
+    eps, drop_tol, h_max, fixed, rest_speed : see `StepperOptions`; fixed is 0 with error control
+    reach : how far bodies may move from where candidates were listed [m]
+    allowed : overlap that drift may leave [m]
+    highest : r of AB-r and BDF-r;  cuts : whether steps are cut where friction stops
+    """
+
+    eps: float
+    drop_tol: float
+    h_max: float
+    fixed: float
+    rest_speed: float
+    reach: float
+    allowed: float
+    highest: int
+    cuts: bool
+
+
+CLOCK = np.dtype([(name, np.float64) for name in ("time", "h", "wish", "until")], align=True)
+"""The time, the last step, the one wished for, and the time at which the stretch ends [s]."""
+TALLY = np.dtype(
+    [
+        (name, np.int64)
+        for name in (
+            *("steps", "known", "taken", "solves", "counted", "rejected"),
+            *("most_passes", "passes", "changes", "is_open", "ended"),
+        )
+    ],
+    align=True,
+)
+"""Counts of a stretch.
+
+steps : since the last restart;  known : time points with λ;  taken : steps of this stretch
+solves : QPs;  counted : those of them that belong to steps taken or rejected
+rejected : trials whose error turned out too large, or in which friction stops
+most_passes : of friction (1: lagged);  passes : of the last step;  changes : of the contacts
+is_open : whether nothing happens at `until`;  ended : `EVENT`, `LOOK`, `AGAIN` or `CHANGED`
+"""
 
 
 class QuietSteps(NamedTuple):
@@ -49,7 +88,7 @@ class QuietSteps(NamedTuple):
     contacts : see there, multipliers and signs are updated
     corner, part, level, free : (L,) the candidates themselves, updated;  pairs : (P, 2) their parts
     listed_at : (3n,) where the candidates were listed
-    state, reals, counts : see the names above, updated
+    state, clock, tally : updated; (1,) records the last two
     track : (MOST, 1 + 6n) t, q, q̇ of every step;  gaps : (MOST,) min φ [m]
     multipliers : (MOST, N + F) λ_N and λ_F
     at_bound, stopped : (F,) of the last step: `VelocityStep.at_bound`, whether a sliding one stops
@@ -70,9 +109,10 @@ class QuietSteps(NamedTuple):
     free: NDArray[np.bool_]
     pairs: Indices
     listed_at: Vector
-    state: Vector
-    reals: Vector
-    counts: Indices
+    state: State
+    settings: Settings
+    clock: NDArray[np.void]
+    tally: NDArray[np.void]
     track: Vector
     gaps: Vector
     multipliers: Vector

@@ -35,9 +35,12 @@ This differs from the paper, because the text leaves it open or the rule fails a
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple, final
 
 import numpy as np
 
+from problems.bodies.path import Path
 from problems.contacts.assembly import Assembly
 from problems.contacts.constraint_graph import Friction
 from problems.formulas.multistep import (
@@ -50,12 +53,9 @@ from problems.formulas.multistep import (
     redone_length,
 )
 from problems.formulas.step_kernels import FAR_TOO_DEEP, fastest_body, stopping_lengths
-from problems.friction.impulses import ImpulseRule
-from problems.friction.rules import FrictionRule
 from problems.qp import Vector
 from problems.scenes import Scene
 from problems.sequence import SimulationError, SolvesQPs
-from problems.stepping.drift import DRIFT_TIME, DriftRule
 from problems.stepping.events import (
     SAME_TIME,
     TOUCH_TOL,
@@ -65,11 +65,12 @@ from problems.stepping.events import (
     look_ahead,
     touching,
 )
-from problems.stepping.options import StepperOptions, StopRule
-from problems.stepping.quiet import LastStep
+from problems.stepping.options import StepperOptions
+from problems.stepping.quiet import LastStep, Quiet
 from problems.stepping.run import Run
+from problems.stepping.system import System
 from problems.stepping.transitions import Transitions
-from problems.stepping.velocity import STUCK, VelocityStep
+from problems.stepping.velocity import STUCK, Interval, VelocityStep
 
 MAX_TRIES = 60
 """Trials of one step before the simulation gives up."""
@@ -89,65 +90,96 @@ def simulate(
     *,
     eps: float | None = None,
     until: float | None = None,
-    drop_tol: float | None = None,
-    friction: FrictionRule = "corrected",
-    fixed_step: float | None = None,
-    stops: StopRule = "located",
-    h_first: float = 1e-3,
-    h_max: float = 0.02,
-    rest_speed: float | None = None,
-    order: int = 2,
-    impulses: ImpulseRule = "paper",
-    drift: DriftRule = "none",
-    drift_time: float = DRIFT_TIME,
     keep_qps: bool = True,
     progress: Callable[[float], None] | None = None,
+    **settings: Any,
 ) -> Run:
     """Simulate `scene` with `solver` in the loop, to `until` [s], its end time or rest.
 
-    eps and until default to the scene's own; the other settings are those of `StepperOptions`.
+    eps and until default to the scene's own.
     keep_qps : whether the run holds its QPs; without them, steps in which nothing happens are left
         to the solver where it can take them, see `problems.stepping.quiet`
     progress : called with t after every accepted step, or after some at once
+    settings : the others of `StepperOptions`, by name: friction="paper", fixed_step=0.005, …
 
     Raises ValueError for bad settings or bodies that overlap at the start, see `Stepper.start`,
-    `SimulationError` where the simulation cannot go on.  Whatever ends it early, Ctrl-C too, has
-    the motion until then as its `run`.
+    TypeError for settings that there are not, `SimulationError` where the simulation cannot go on.
+    Whatever ends it early, Ctrl-C too, has the motion until then as its `run`.
     """
-    options = StepperOptions.of(
-        scene.eps if eps is None else eps,
-        drop_tol,
-        rest_speed,
-        friction=friction,
-        fixed_step=fixed_step,
-        stops=stops,
-        h_first=h_first,
-        h_max=h_max,
-        order=order,
-        impulses=impulses,
-        drift=drift,
-        drift_time=drift_time,
-    )
+    options = StepperOptions.of(scene.eps if eps is None else eps, **settings)
     end = scene.end_time if until is None else float(until)
     if not (np.isfinite(end) and end > 0):
         name = "end_time" if until is None else "until"
         raise ValueError(f"{name} = {end!r}; it must be a positive time")
     stepper = Stepper(scene, solver, options, keep_qps)
+    system = stepper.system
     try:
         stepper.start()
-        while stepper.t < end - SHORTEST_STEP and not stepper.at_rest:
+        while system.t < end - SHORTEST_STEP and not stepper.at_rest:
             stepper.advance(end)
             if progress is not None:
-                progress(stepper.t)
+                progress(system.t)
     except BaseException as error:
-        if stepper.stretches:
-            error.run = stepper.finish()  # type: ignore[attr-defined]
+        if system.stretches:
+            error.run = system.finish()  # type: ignore[attr-defined]
         raise
-    return stepper.finish()
+    return system.finish()
 
 
-class Stepper(Transitions):
-    """One simulation by algorithm 1; `start` once, then `advance` step by step."""
+class Ahead(NamedTuple):
+    """What the path meets first, and where it is then: step 3, before any QP is solved.
+
+    hits, losses : the collisions and losses of support there, none where nothing is met
+    """
+
+    arrival: Arrival
+    hits: list[Hit]
+    losses: list[SlideOff]
+
+    @property
+    def stands(self) -> bool:
+        """Whether it is met at t_{n−1} itself."""
+        return bool(self.hits or self.losses) and self.arrival.h < SHORTEST_STEP
+
+
+@dataclass(eq=False)
+class Trial:
+    """What the next trial of a step is made with, and how many before it were in vain.
+
+    here : the columns at t_{n−1};  slip : (F,) G_Fᵀq̇ there
+    path : q(h), with the step length h [s], the one wished for, and the time not to be passed
+    signs : (F,) s of the contacts in J_FW, 0 of those in J_FO;  known : see `velocity`
+    unsettled, redone, located : trials whose passes did not settle, whose error was too large,
+        in which friction stopped
+    """
+
+    here: Assembly
+    slip: Vector
+    path: Path
+    h: float
+    wish: float
+    latest: float
+    signs: Vector
+    known: int
+    unsettled: int = 0
+    redone: int = 0
+    located: int = 0
+
+
+@final
+class Stepper:
+    """One simulation by algorithm 1; `start` once, then `advance` step by step.
+
+    system : state, forces, records;  transitions : what changes J_N, J_FO and J_FW
+    """
+
+    def __init__(
+        self, scene: Scene, solver: SolvesQPs, options: StepperOptions, keep_qps: bool = True
+    ) -> None:
+        self.system = System(scene, solver, options, keep_qps)
+        self.transitions = Transitions(self.system)
+        self._quiet = Quiet(self.system, self.transitions)
+        self._last: VelocityStep | None = None
 
     def start(self) -> None:
         """J_N at t = 0, after the impulse that the initial velocities or F call for (§3.1).
@@ -159,43 +191,46 @@ class Stepper(Transitions):
         body is too small or too large for the tolerances.
         """
         self._check_sizes()
-        geometry = self.graph.geometry
-        pose = geometry.pose(self.q)
+        self._check_overlaps()
+        system, pose = self.system, self.system.pose()
+        system.graph.candidates.take_as_touching(system.q, TOUCH_TOL)
+        for hit in touching(system.graph, system.q, system.history.v, -np.inf):
+            system.graph.insert(pose, hit.corner, hit.part, hit.edge)
+        system.record()
+        F, assembly = system.external_impulse(0.0), system.assembly()
+        gap_speed = assembly.gap_speed(system.history.v)
+        if (gap_speed < -system.slowest_approach).any() or F.any():
+            self.transitions.impulse([], F)
+        else:
+            self.transitions.drop_separating(assembly, gap_speed)
+            self.transitions.sort_frictions(system.assembly(), system.history.v)
+
+    def _check_overlaps(self) -> None:
+        """Raise ValueError for parts that overlap by more than what is taken for contact."""
+        system, geometry = self.system, self.system.graph.geometry
+        pose = system.pose()
         for pair in geometry.near_pairs(pose, 0.0):
-            depth, most = (
-                geometry.penetration(pose, pair),
-                float(geometry.contact_tol[[*pair]].min()),
-            )
+            depth = geometry.penetration(pose, pair)
+            most = float(geometry.contact_tol[[*pair]].min())
             if depth > most:
-                names = [self._body_name(int(geometry.part_body[p])) for p in pair]
+                names = [system.body_name(int(geometry.part_body[p])) for p in pair]
                 raise ValueError(
-                    f"scene {self.scene.name!r}: {names[0]} and {names[1]} overlap by "
+                    f"scene {system.scene.name!r}: {names[0]} and {names[1]} overlap by "
                     f"{depth:.3g} m at the start, and up to {most:.3g} m is taken for contact; "
                     "move them apart"
                 )
-        self.graph.candidates.take_as_touching(self.q, TOUCH_TOL)
-        for hit in touching(self.graph, self.q, self.history.v, -np.inf):
-            self.graph.insert(pose, hit.corner, hit.part, hit.edge)
-        self._record()
-        F = self._external_impulse(0.0)
-        assembly = Assembly(self.graph, self.q)
-        violated = (assembly.gap_speed(self.history.v) < -self.slowest_approach).any()
-        if violated or F.any():
-            self._impulse([], F)
-        else:
-            self._drop_separating(assembly, assembly.gap_speed(self.history.v))
-            self._sort_frictions(Assembly(self.graph, self.q), self.history.v)
 
     def _check_sizes(self) -> None:
         """Raise ValueError for a body smaller than an overlap may be, or so large or far off that
         its corners are rounded by more than a hundredth of what counts as touching.
         """
-        least, centres = FAR_TOO_DEEP * self.allowed_overlap, self.scene.q0[:, :2]
-        for i, radius in enumerate(self.graph.geometry.radius):
+        system = self.system
+        least, centres = FAR_TOO_DEEP * system.allowed_overlap, system.scene.q0[:, :2]
+        for i, radius in enumerate(system.graph.geometry.radius):
             far = float(np.abs(centres[i]).max() + radius)
             if 2 * radius < least:
                 reason = (
-                    f"is {2 * radius:.3g} m across, and at eps = {self.options.eps:g} bodies may "
+                    f"is {2 * radius:.3g} m across, and at eps = {system.options.eps:g} bodies may "
                     f"overlap by {least:.3g} m; choose a smaller eps, or a smaller unit of length"
                 )
             elif np.spacing(far) > TOUCH_TOL / 100:
@@ -206,172 +241,225 @@ class Stepper(Transitions):
                 )
             else:
                 continue
-            raise ValueError(f"scene {self.scene.name!r}: {self._body_name(i)} {reason}")
+            raise ValueError(f"scene {system.scene.name!r}: {system.body_name(i)} {reason}")
 
     def advance(self, end: float) -> None:
         """One accepted step, some quiet ones, or one event where no time passes."""
-        self.watch_progress()
-        taken, last = self._quiet.take_steps(self, end)
+        self.system.watch_progress()
+        taken, last = self._quiet.take_steps(end)
         if taken:
             self._after_quiet_steps(taken, last)
             return
-        here, gap_speed, slip_before = self._here()
-        self._check_constraints(here, gap_speed)
-        self._sort_signs(here, slip_before)
-        path = self.history.path(self.q)
-        signs = np.array([friction.sign for friction in here.frictions], dtype=np.float64)
-        known = self.lam_known
-        h_full = self._step_length()
-        jump = self.scheduled()
-        h = min(h_full, min(jump, end) - self.t)
-        unsettled = redone = located = 0
+        trial = self._first_trial(end)
         for _ in range(MAX_TRIES):
-            arrival, hits, losses = look_ahead(
-                self.graph, path, h, self.slowest_approach, self.allowed_overlap
-            )
-            if hits or losses:
-                h_event = min([*(hit.h for hit in hits), *(loss.h for loss in losses)])
-                hits = [hit for hit in hits if hit.h <= h_event + SAME_TIME]
-                losses = [loss for loss in losses if loss.h <= h_event + SAME_TIME]
-                if h_event < SHORTEST_STEP:
-                    self._standing_event(hits, losses)
-                    return
-                if h_event < h:
-                    h = h_event
-                    arrival, _, _ = look_ahead(self.graph, path, h, np.inf, self.allowed_overlap)
-            step = self._try_velocity(arrival, min(self.t + h, jump), signs, known)
-            unsettled += not step.settled
-            if not step.settled:
-                self._watch_gain(step, signs)
-            if unsettled == JAM_TRIALS and signs.any():
-                self._reject()
-                self._restart(1)
-                path = self.history.path(self.q)
-                h, known = min(h, JAM_STEP), STUCK
-                signs = np.zeros_like(signs)
-                continue
-            shorter = self._rejected_length(step, h, known == STUCK, redone < REDONE)
-            if shorter < np.inf:
-                h, h_full, redone = shorter, min(h_full, shorter), redone + step.settled
-                self._reject()
-                continue
-            lengths = stopping_lengths(
-                signs, slip_before, step.slip_speed, step.h, self.options.eps
-            )
-            h_stick = lengths.min(initial=np.inf)
-            if h_stick < h and self.options.stops == "held":
-                signs = np.where(lengths < h, 0.0, signs)
-                self._reject()
-                continue
-            if h_stick < SHORTEST_STEP:
-                self._reject()
-                self._count_standstill()
-                self._stick([here.frictions[j] for j in np.flatnonzero(lengths <= h_stick)])
+            ahead = self._look_ahead(trial)
+            if ahead.stands:
+                self.transitions.standing_event(ahead.hits, ahead.losses)
                 return
-            if h_stick < h * (1 - 1e-6):
-                located += 1
-                h = h_stick if located < STOP_TRIALS else min(h_stick, h / 2)
-                self._reject()
+            step = self._try_velocity(trial, ahead.arrival)
+            if self._jams(trial, step) or self._is_redone(trial, step):
                 continue
-            self._accept(step, arrival, h_full)
-            self._watch_gain(step, signs)
-            if known == STUCK:
-                self._jam(step)
-            held = (signs == 0) & ~self._slides(step)
-            ends = [here.frictions[j] for j in np.flatnonzero(held | (lengths <= h))]
-            stopped = [friction for friction in ends if friction.sign != 0]
-            self._after_step(step, hits, losses, stopped)
-            self._watch_rest()
+            lengths = self._stopping_lengths(trial, step)
+            first = float(lengths.min(initial=np.inf))
+            if self._sticks_on_the_way(trial, lengths, first):
+                continue
+            if first < SHORTEST_STEP:
+                self._stop_here(trial, lengths, first)
+                return
+            if self._is_cut(trial, first):
+                continue
+            self._take(trial, ahead, step, lengths)
             return
         raise SimulationError(
-            f"t = {self.t:.6g}: no acceptable step after {MAX_TRIES} trials (h = {h:.3g}); "
-            "try a smaller eps or another solver"
+            f"t = {self.system.t:.6g}: no acceptable step after {MAX_TRIES} trials "
+            f"(h = {trial.h:.3g}); try a smaller eps or another solver"
+        )
+
+    def _first_trial(self, end: float) -> Trial:
+        """The first trial of the next step: h by (3.5), not beyond what is scheduled or `end`."""
+        system = self.system
+        here, gap_speed, slip = self._here()
+        self.transitions.check_constraints(here, gap_speed)
+        self.transitions.sort_signs(here, slip)
+        wish, latest = self._step_length(), system.scheduled()
+        return Trial(
+            here=here,
+            slip=slip,
+            path=system.history.path(system.q),
+            h=min(wish, min(latest, end) - system.t),
+            wish=wish,
+            latest=latest,
+            signs=np.array([friction.sign for friction in here.frictions], dtype=np.float64),
+            known=system.lam_known,
         )
 
     def _here(self) -> tuple[Assembly, Vector, Vector]:
         """The columns at t_{n−1}, G_Nᵀq̇ and G_Fᵀq̇: those of the last step where they still hold."""
-        last = self._last
+        last, system = self._last, self.system
         if last is not None:
-            same = last.v is self.history.v and last.assembly.active is self.graph.active_set()
+            same = last.v is system.history.v and last.assembly.active is system.graph.active_set()
             if same:
                 return last.assembly, last.gap_speed, last.slip_speed
-        here = Assembly(self.graph, self.q)
-        return here, here.gap_speed(self.history.v), here.slip_speed(self.history.v)
+        here = system.assembly()
+        return here, here.gap_speed(system.history.v), here.slip_speed(system.history.v)
+
+    def _look_ahead(self, trial: Trial) -> Ahead:
+        """Step 1, and step 3 as far as it concerns positions: h ends where something is met."""
+        system = self.system
+        graph, path, allowed = system.graph, trial.path, system.allowed_overlap
+        arrival, hits, losses = look_ahead(graph, path, trial.h, system.slowest_approach, allowed)
+        if not (hits or losses):
+            return Ahead(arrival, hits, losses)
+        first = min([*(hit.h for hit in hits), *(loss.h for loss in losses)])
+        hits = [hit for hit in hits if hit.h <= first + SAME_TIME]
+        losses = [loss for loss in losses if loss.h <= first + SAME_TIME]
+        if first < SHORTEST_STEP:
+            return Ahead(arrival._replace(h=first), hits, losses)
+        if first < trial.h:
+            trial.h = first
+            arrival, _, _ = look_ahead(graph, path, first, np.inf, allowed)
+        return Ahead(arrival, hits, losses)
+
+    def _jams(self, trial: Trial, step: VelocityStep) -> bool:
+        """Whether the passes have failed `JAM_TRIALS` times: then everything may stick, shortly."""
+        if step.settled:
+            return False
+        trial.unsettled += 1
+        self.transitions.watch_gain(step, trial.signs)
+        if trial.unsettled != JAM_TRIALS or not trial.signs.any():
+            return False
+        self._reject()
+        self.transitions.restart(1)
+        trial.path = self.system.history.path(self.system.q)
+        trial.h, trial.known = min(trial.h, JAM_STEP), STUCK
+        trial.signs = np.zeros_like(trial.signs)
+        return True
+
+    def _is_redone(self, trial: Trial, step: VelocityStep) -> bool:
+        """Whether the trial does not do, and the next one is shorter."""
+        shorter = self._rejected_length(step, trial)
+        if shorter == np.inf:
+            return False
+        trial.h, trial.wish = shorter, min(trial.wish, shorter)
+        trial.redone += step.settled
+        self._reject()
+        return True
+
+    def _stopping_lengths(self, trial: Trial, step: VelocityStep) -> Vector:
+        """Where on the way each sliding contact stops [s], ∞ where it does not.  (F,)"""
+        eps = self.system.options.eps
+        return stopping_lengths(trial.signs, trial.slip, step.slip_speed, step.h, eps)
+
+    def _sticks_on_the_way(self, trial: Trial, lengths: Vector, first: float) -> bool:
+        """With `stops="held"`: whether what stops on the way is to stick for all of it."""
+        held = first < trial.h and self.system.options.stops == "held"
+        if held:
+            trial.signs = np.where(lengths < trial.h, 0.0, trial.signs)
+            self._reject()
+        return held
+
+    def _stop_here(self, trial: Trial, lengths: Vector, first: float) -> None:
+        """Friction that stops at t_{n−1} itself: an event without a step."""
+        self._reject()
+        self.transitions.count_standstill()
+        stopped = np.flatnonzero(lengths <= first)
+        self.transitions.stick([trial.here.frictions[j] for j in stopped])
+
+    def _is_cut(self, trial: Trial, first: float) -> bool:
+        """Whether friction stops on the way, where the step is to end."""
+        if not first < trial.h * (1 - 1e-6):
+            return False
+        trial.located += 1
+        trial.h = first if trial.located < STOP_TRIALS else min(first, trial.h / 2)
+        self._reject()
+        return True
+
+    def _take(self, trial: Trial, ahead: Ahead, step: VelocityStep, lengths: Vector) -> None:
+        """Accept a step, then steps 3 and 4."""
+        transitions, frictions = self.transitions, trial.here.frictions
+        self._accept(step, ahead.arrival, trial.wish)
+        transitions.watch_gain(step, trial.signs)
+        if trial.known == STUCK:
+            transitions.jam(step)
+        stopped: list[Friction] = []
+        if frictions:
+            held = (trial.signs == 0) & ~transitions.slides(step)
+            ends = [frictions[j] for j in np.flatnonzero(held | (lengths <= trial.h))]
+            stopped = [friction for friction in ends if friction.sign != 0]
+        self._after_step(step, ahead.hits, ahead.losses, stopped)
+        self._watch_rest()
 
     def _step_length(self) -> float:
         """Step 1: h from (3.5), with limits on growth; the old one after a restart."""
-        if self.options.fixed_step is not None:
-            return self.options.fixed_step
-        steps, allowed = self.history.steps, np.inf
+        system, options = self.system, self.system.options
+        if options.fixed_step is not None:
+            return options.fixed_step
+        steps, allowed = system.history.steps, np.inf
         if steps:
-            allowed = self.history.largest_step(self.options.eps, self.equations.norm)
-        return next_length(self.h_last, steps, allowed, self.options.h_max)
+            allowed = system.history.largest_step(options.eps, system.equations.norm)
+        return next_length(system.h_last, steps, allowed, options.h_max)
 
-    def _try_velocity(
-        self,
-        arrival: Arrival,
-        t: float,
-        signs: Vector,
-        known: int,
-    ) -> VelocityStep:
-        """Step 2, to the time t."""
-        h = arrival.h
-        step = self.equations.solve(
-            self.qps,
-            Assembly(self.graph, arrival.q, arrival.handed_over, arrival.pose),
-            self.history,
-            self.q,
-            t,
-            h,
-            signs,
-            known,
+    def _try_velocity(self, trial: Trial, arrival: Arrival) -> VelocityStep:
+        """Step 2, at the end of the path."""
+        system, h = self.system, arrival.h
+        step = system.equations.solve(
+            system.qps,
+            Assembly(system.graph, arrival.q, arrival.handed_over, arrival.pose),
+            system.history,
+            Interval(system.q, min(system.t + h, trial.latest), h),
+            trial.signs,
+            trial.known,
         )
-        if known == STUCK and h <= 100 * SHORTEST_STEP:  # that short it is taken as it is
+        if trial.known == STUCK and h <= 100 * SHORTEST_STEP:  # that short it is taken as it is
             return step._replace(settled=True)
         return step
 
-    def _rejected_length(self, step: VelocityStep, h: float, caught: bool, check: bool) -> float:
+    def _rejected_length(self, step: VelocityStep, trial: Trial) -> float:
         """A shorter h where the trial does not do, else ∞.
 
         The iteration did not settle; or it is the first step after a restart, whose local error is
         known only now; or, where that is to be checked, the error is much larger than (3.5) had it.
         """
+        h, history, options = trial.h, self.system.history, self.system.options
         if not step.settled:
             return h / 2
-        if self.options.fixed_step is not None or caught or h <= 100 * SHORTEST_STEP:
+        if options.fixed_step is not None or trial.known == STUCK or h <= 100 * SHORTEST_STEP:
             return np.inf
-        norm, eps = self.equations.norm, self.options.eps
-        if self.history.steps == 0:
+        norm, eps = self.system.equations.norm, options.eps
+        if history.steps == 0:
             return first_redone_length(h, first_order_step(norm(step.a), eps))
-        return redone_length(h, self.history.error(h, step.a, norm), eps) if check else np.inf
+        if trial.redone >= REDONE:
+            return np.inf
+        return redone_length(h, history.error(h, step.a, norm), eps)
 
     def _reject(self) -> None:
-        self.qps.settle(accepted=False)
-        self.counts["rejected_steps"] += 1
+        self.system.qps.settle(accepted=False)
+        self.system.counts["rejected_steps"] += 1
 
-    def _accept(self, step: VelocityStep, arrival: Arrival, h_full: float) -> None:
-        self.qps.settle(accepted=True)
+    def _accept(self, step: VelocityStep, arrival: Arrival, wish: float) -> None:
+        system, graph = self.system, self.system.graph
+        system.qps.settle(accepted=True)
         self._last = step
-        self.t, self.q = step.t, step.q
-        self.history.push(step.h, step.v, step.a)
-        self.h_last = max(h_full, step.h)
+        system.t, system.q = step.t, step.q
+        system.history.push(step.h, step.v, step.a)
+        system.h_last = max(wish, step.h)
         # λ from before a restart is never extrapolated: (4.4), (4.3), (4.2) after a jump in q̇, and
         # (4.3), (4.3), (4.2) after one in q̈
-        self.lam_known = min(self.lam_known + 1, self.history.steps, 2)
-        self.graph.note_multipliers(step.lam_N)
+        system.lam_known = min(system.lam_known + 1, system.history.steps, 2)
+        graph.note_multipliers(step.lam_N)
         for row_id, place in arrival.handed_over.items():
-            before = self.graph.normals[row_id].place
-            self._log("hand_over", f"{self._place_name(before)} to {self._place_name(place)}")
+            before = system.place_name(graph.normals[row_id].place)
+            system.log("hand_over", f"{before} to {system.place_name(place)}")
         if arrival.handed_over:
-            self.graph.hand_over(arrival.handed_over)
-        self.graph.candidates.note_clearances(arrival.clearance)
-        self._tell_of_overlaps(arrival.too_deep)
+            graph.hand_over(arrival.handed_over)
+        graph.candidates.note_clearances(arrival.clearance)
+        self.transitions.tell_of_overlaps(arrival.too_deep)
         gaps = step.assembly.columns.phi
-        if self.options.drift == "projection":
-            gaps = self._project(step)
-        self.counts["steps"] += 1
-        self._standstill = 0
-        self._record(step, gaps)
+        if system.options.drift == "projection":
+            gaps, self._last = system.project(step), None
+        system.counts["steps"] += 1
+        self.transitions.time_moves_on()
+        system.record(step, gaps)
 
     def _after_step(
         self,
@@ -383,37 +471,38 @@ class Stepper(Transitions):
         """Steps 3 and 4, at the end of an accepted step."""
         hits = [hit for hit in hits if hit.h <= step.h + SAME_TIME]
         losses = [loss for loss in losses if loss.h <= step.h + SAME_TIME]
-        F = self._external_impulse(self.t)
+        F = self.system.external_impulse(self.system.t)
         if stopped:
-            self._stick(stopped)
-        hits += self._slide_off(losses)
+            self.transitions.stick(stopped)
+        hits += self.transitions.slide_off(losses)
         if hits or F.any():
-            self._impulse(hits, F)
+            self.transitions.impulse(hits, F)
             return
-        if any(abs(time - self.t) <= SHORTEST_STEP for time in self._jumps):
-            self._log("force_jump", "")
-            self._restart(1)
+        if any(abs(time - self.system.t) <= SHORTEST_STEP for time in self.system.jumps):
+            self.system.log("force_jump", "")
+            self.transitions.restart(1)
         if stopped or losses:
             return
-        self._drop_separating(step.assembly, step.gap_speed)
-        for j in np.flatnonzero(self._slides(step)):
+        self.transitions.drop_separating(step.assembly, step.gap_speed)
+        for j in np.flatnonzero(self.transitions.slides(step)):
             friction = step.assembly.frictions[j]
-            if friction.sign == 0 and friction.row_id in self.graph.frictions:
-                self.slip(friction, -int(np.sign(step.slip_speed[j])))
+            if friction.sign == 0 and friction.row_id in self.system.graph.frictions:
+                self.transitions.slip(friction, -int(np.sign(step.slip_speed[j])))
 
     def _after_quiet_steps(self, taken: int, last: LastStep | None) -> None:
         """Step 4 after steps that were taken elsewhere, where it is not done."""
-        self._standstill, self._last = 0, None
+        self._last = None
+        self.transitions.time_moves_on()
         if last is None:
-            self.gain_watch.calm()
-            self.rest_since = np.inf
+            self.system.gain_watch.calm()
+            self.system.rest_since = np.inf
             return
         step = self._last = last.step
-        self._check_constraints(step.assembly, step.gap_speed)
+        self.transitions.check_constraints(step.assembly, step.gap_speed)
         if taken > 1:  # those before the last were quiet and in motion
-            self.gain_watch.calm()
-            self.rest_since = np.inf
-        self._watch_gain(step, last.signs)
+            self.system.gain_watch.calm()
+            self.system.rest_since = np.inf
+        self.transitions.watch_gain(step, last.signs)
         stopped = [step.assembly.frictions[j] for j in np.flatnonzero(last.stopped)]
         self._after_step(step, [], [], stopped)
         self._watch_rest()
@@ -421,15 +510,17 @@ class Stepper(Transitions):
     @property
     def at_rest(self) -> bool:
         """Whether rest has been shown for as long as it belongs to a run."""
-        return bool(self.t >= self.rest_since + REST_SHOWN)
+        return bool(self.system.t >= self.system.rest_since + REST_SHOWN)
 
     def _watch_rest(self) -> None:
         """Whether all bodies are still, and nothing that is ahead or acts on them changes that."""
-        if not self.scene.stop_at_rest or not self.history.a or self.scheduled() < np.inf:
+        system = self.system
+        if not (system.scene.stop_at_rest and system.history.a) or system.scheduled() < np.inf:
             return
-        v, a = (fastest_body(self.D, motion) for motion in (self.history.v, self.history.a[0]))
-        if max(v, REST_HORIZON * a) > self.options.rest_speed:
-            self.rest_since = np.inf
-        elif self.rest_since == np.inf:
-            self.rest_since = self.t
-            self._log("rest", "")
+        motions = system.history.v, system.history.a[0]
+        v, a = (fastest_body(system.D, motion) for motion in motions)
+        if max(v, REST_HORIZON * a) > system.options.rest_speed:
+            system.rest_since = np.inf
+        elif system.rest_since == np.inf:
+            system.rest_since = system.t
+            system.log("rest", "")

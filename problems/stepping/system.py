@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import asdict
 from math import inf
+from typing import final
 
 import numpy as np
 
@@ -23,7 +24,6 @@ from problems.stepping.drift import closing_motion
 from problems.stepping.events import DRIFT_ALLOWED, LEAST_ALLOWED
 from problems.stepping.gain import GainWatch
 from problems.stepping.options import StepperOptions
-from problems.stepping.quiet import Quiet
 from problems.stepping.run import Event, Run, Stretch
 from problems.stepping.velocity import NOTHING, VelocityEquations, VelocityStep
 
@@ -32,6 +32,7 @@ MAX_CRAWL, CRAWLING = 20_000, 2e-8
 NO_ROWS = np.zeros(0, dtype=np.int64)
 
 
+@final
 class System:
     """State, forces, constraint graph and records of one simulation; see
     `problems.stepping.stepper`.
@@ -52,11 +53,11 @@ class System:
         self.varying: list[Force] = []
         for force in forces:
             (self._steady if getattr(force, "constant", False) else self.varying).append(force)
-        self._jumps = sorted({time for force in forces for time in force.jumps})
+        self.jumps = sorted({time for force in forces for time in force.jumps})
         self._constant: dict[int, Vector] = {}
         in_order = sorted(scene.impulses, key=lambda impulse: (impulse.t, impulse.body))
         self._impulses = deque(in_order)
-        self._times = sorted({*self._jumps, *(impulse.t for impulse in self._impulses)})
+        self._times = sorted({*self.jumps, *(impulse.t for impulse in self._impulses)})
         self.equations = VelocityEquations(
             D=self.D,
             forces=self.force,
@@ -75,22 +76,26 @@ class System:
         self.allowed_overlap = max(DRIFT_ALLOWED * options.eps, LEAST_ALLOWED)
         self.counts = dict.fromkeys(("steps", "rejected_steps", "restarts", "impulses"), 0)
         self.event_log: list[Event] = []
-        self._standstill = 0
         self._looked_at = 0, 0.0  # steps and t when progress was last looked at
-        self._told: set[tuple[int, int]] = set()
-        self._last: VelocityStep | None = None
         self.rest_since = np.inf
         self.stretches: list[Stretch] = []
         self.shapes = Shapes.of(self.graph.geometry)
-        self._quiet = Quiet(self)
 
     def force(self, q: Vector, v: Vector, t: float) -> Vector:
         """f(q, q̇, t) of (2.1), (3n,); those that are constant between jumps are summed once."""
-        interval = bisect_left(self._jumps, t)
+        interval = bisect_left(self.jumps, t)
         if interval not in self._constant:
             self._constant[interval] = _sum_of(self._steady, q, v, t, np.zeros_like(q))
         constant = self._constant[interval]
         return _sum_of(self.varying, q, v, t, constant.copy()) if self.varying else constant
+
+    def assembly(self) -> Assembly:
+        """The columns at q."""
+        return Assembly(self.graph, self.q)
+
+    def pose(self) -> Pose:
+        """Where everything is at q."""
+        return self.graph.geometry.pose(self.q)
 
     def finish(self) -> Run:
         """Everything that the simulation left behind."""
@@ -130,12 +135,12 @@ class System:
             b = int(np.argmax(self.D[::3]))
             raise SimulationError(
                 f"t = {self.t:.6g}: the last {taken:,} steps were {passed / taken:.2g} s long; "
-                f"{self._body_name(b)}, of {self.D[3 * b] ** 2:.3g} kg, counts most in their error "
+                f"{self.body_name(b)}, of {self.D[3 * b] ** 2:.3g} kg, counts most in their error "
                 "(3.5): choose a larger eps, or a larger unit of mass"
             )
         self._looked_at = self.counts["steps"], self.t
 
-    def _external_impulse(self, t: float) -> Vector:
+    def external_impulse(self, t: float) -> Vector:
         """F (3n,) of the impulses up to t [s] that have not acted yet."""
         F = np.zeros_like(self.q)
         while self._impulses and self._impulses[0].t <= t + SHORTEST_STEP:
@@ -143,7 +148,7 @@ class System:
             F[3 * impulse.body : 3 * impulse.body + 3] += impulse.value
         return F
 
-    def _record(self, step: VelocityStep | None = None, gaps: Vector = NOTHING) -> None:
+    def record(self, step: VelocityStep | None = None, gaps: Vector = NOTHING) -> None:
         """Keep the state; no array of it is written to again."""
         normal_ids, friction_ids, lam, gap = NO_ROWS, NO_ROWS, NOTHING, np.inf
         if step is not None:
@@ -159,38 +164,38 @@ class System:
             )
         )
 
-    def _log(self, kind: str, detail: str) -> None:
+    def log(self, kind: str, detail: str) -> None:
         self.event_log.append(Event(self.t, kind, detail))
 
-    def _clearance(self, pose: Pose, normal: Normal) -> float:
+    def clearance(self, pose: Pose, normal: Normal) -> float:
         one = np.array([normal.corner]), np.array([normal.part])
         return float(self.graph.geometry.clearance(pose, *one)[0])
 
-    def _body_name(self, body: int) -> str:
+    def body_name(self, body: int) -> str:
         return f"body {body + 1}" if body >= 0 else "the ground"
 
-    def _place_name(self, place: tuple[int, int, int]) -> str:
+    def place_name(self, place: tuple[int, int, int]) -> str:
         geometry, (corner, part, edge) = self.graph.geometry, place
         one, two = (
-            self._body_name(int(geometry.corner_body[corner])),
-            self._body_name(int(geometry.part_body[part])),
+            self.body_name(int(geometry.corner_body[corner])),
+            self.body_name(int(geometry.part_body[part])),
         )
         corner, edge = geometry.corner_number[corner], geometry.first_edge[part] + edge
         return f"corner {corner} of {one} on edge {edge} of {two}"
 
-    def _contact_name(self, contact: Contact) -> str:
-        names = [self._body_name(int(self.graph.geometry.part_body[p])) for p in contact.pair]
+    def contact_name(self, contact: Contact) -> str:
+        names = [self.body_name(int(self.graph.geometry.part_body[p])) for p in contact.pair]
         return f"{names[0]} and {names[1]}"
 
-    def _project(self, step: VelocityStep) -> Vector:
+    def project(self, step: VelocityStep) -> Vector:
         """Close the gaps of the contacts that bear a load; φ (N,) of all after it."""
         assembly = step.assembly
         loaded = np.flatnonzero(step.lam_N > 0)
         sticking = np.flatnonzero([friction.sign == 0 for friction in assembly.frictions])
         A = assembly.scaled(loaded, sticking, self.D)
         u = closing_motion(assembly, A, self.D, np.arange(loaded.size), loaded)
-        self.q, self._last = self.q + u, None
-        return Assembly(self.graph, self.q).columns.phi
+        self.q = self.q + u
+        return self.assembly().columns.phi
 
 
 def _sum_of(forces: Sequence[Force], q: Vector, v: Vector, t: float, f: Vector) -> Vector:

@@ -1,6 +1,7 @@
-"""Step 2 of algorithm 1: q̇_n and λ_n at a given q_n, by (3.1b, c) or (4.5, 4.6).
+"""Step 2 of algorithm 1: q̇_n and λ_n at a given q_n, by (3.1b), (3.1c) or (4.5), (4.6).
 
-One pass poses the QP with the forces at the last guess and solves it.  Passes are repeated
+One pass poses the QP with the forces at the last guess and solves it; its λ_n satisfies (3.1c), or
+(4.7) with friction.  Passes are repeated
 
     - (3.9) while f depends on q̇: functional iteration from a predicted q̇_n⁽⁰⁾;
     - with corrected friction, until λ_* agrees with the λ_N that it gives;
@@ -42,7 +43,7 @@ from problems.friction.rules import (
 from problems.least_norm.independence import surely_independent
 from problems.least_norm.minimum_norm import least_norm
 from problems.least_norm.peeling import peels
-from problems.qp import LARGEST, Matrix, Vector
+from problems.qp import LARGEST, Indices, Matrix, Vector
 from problems.sequence import QPSequence
 from problems.stepping.drift import closing_motion
 
@@ -80,6 +81,53 @@ class VelocityStep(NamedTuple):
     settled: bool = True
 
 
+class Interval(NamedTuple):
+    """The step that is taken: from q_{n−1} (3n,) to the time t, over h [s]."""
+
+    q: Vector
+    t: float
+    h: float
+
+
+class _Posed(NamedTuple):
+    """What the QPs of all passes of one step have in common.
+
+    entries, bodies : the columns of A (m, k), as they are laid out;  b, alpha0 : of BDF-r
+    signs : (F,) s;  eps0 : accuracy of a QP
+    correct, iterate : whether λ_* is corrected, whether there is more than one pass
+    stuck : whether λ_* is ∞ at first;  redundant : whether A may lack full column rank
+    lean : u/τ (3n,) that Baumgarte's rule adds to q̇, or None
+    """
+
+    assembly: Assembly
+    layout: Layout
+    entries: NDArray[np.float64]
+    bodies: Indices
+    A: Matrix
+    b: Vector
+    alpha0: float
+    interval: Interval
+    signs: Vector
+    eps0: float
+    correct: bool
+    iterate: bool
+    stuck: bool
+    redundant: bool
+    lean: Vector | None
+
+
+class _Found(NamedTuple):
+    """What one pass found.
+
+    d : (3n,) of its QP;  bound : (F,) μ Σ λ_*;  lam_F : (F,) of the sticking contacts
+    """
+
+    step: VelocityStep
+    d: Vector
+    bound: Vector
+    lam_F: Vector
+
+
 @dataclass(frozen=True, eq=False)
 class VelocityEquations:
     """The system that is stepped: D with M = DᵀD, the forces f(q, q̇, t), the tolerances.
@@ -104,122 +152,159 @@ class VelocityEquations:
         qps: QPSequence,
         assembly: Assembly,
         history: History,
-        q_before: Vector,
-        t: float,
-        h: float,
+        interval: Interval,
         signs: Vector,
         known: int,
     ) -> VelocityStep:
-        """q̇_n and λ_n of the step of length h that ends at t, at the position of the assembly.
+        """q̇_n and λ_n of a step, at the position of the assembly.
 
         signs : (F,) s of the contacts in J_FW, 0 of those in J_FO
         known : time points with λ since the last jump in q̇ (0: (4.4), 1: (4.3), 2: (4.2));
             `STUCK`: the passes begin with λ_* = ∞
         """
-        q, D = assembly.q, self.D
-        alpha0, b = history.bdf(h)
+        posed = self._pose(assembly, history, interval, signs, known == STUCK)
+        guess = history.predict(interval.h) if self.velocity_dependent else history.v
+        lam_star = NOTHING
+        if signs.size > 0:
+            lam_star = self._first_guess(assembly, history, interval, signs, known)
+        before = np.inf
+        for number in range(1, (STUCK_PASSES if posed.stuck else MAX_PASSES) + 1):
+            found = self._one_pass(qps, posed, guess, lam_star, number)
+            if not posed.iterate:
+                return found.step
+            behind, ahead, loose = self._change(posed, found, guess)
+            change = behind + ahead
+            rate = change / before if number > 1 and before > 0 else FIRST_RATE
+            if self._settles(posed, rate, behind, ahead) and not loose:
+                return found.step
+            if number > 2 and rate >= 1 and not posed.correct:
+                break  # without friction the fixed point is a contraction, or the step too long
+            guess, before = found.step.v, change
+            if posed.correct:
+                lam_star = self._next_guess(posed, found, lam_star)
+        return found.step._replace(settled=False)
+
+    def _pose(
+        self, assembly: Assembly, history: History, interval: Interval, signs: Vector, stuck: bool
+    ) -> _Posed:
+        """The QP of the step but for its forces and bounds."""
         rubs = signs.size > 0
         correct = rubs and self.friction == "corrected"
         iterate = correct or self.velocity_dependent
-        eps0 = asked_accuracy(self.eps, iterate)
-        guess = history.predict(h) if self.velocity_dependent else history.v
+        alpha0, b = history.bdf(interval.h)
         layout = assembly.active.layout(signs)
         entries, bodies = assembly.laid_out(layout)
-        A = scaled_matrix(entries, bodies, D)
-        lam_star = bound = driven = NOTHING
-        if rubs:
-            lam_star = self._first_guess(assembly, history, q_before, t, h, signs, known)
-        redundant = rubs and not (
-            peels(entries, bodies, D) or layout.proof.holds(A)
-            if sp.issparse(A)
-            else surely_independent(A)
-        )
+        A = scaled_matrix(entries, bodies, self.D)
         lean: Vector | None = None
         if self.drift_time < np.inf:
             # the QP is posed for q̇ − u/τ
             lean = self._lean(A, assembly, layout)
             b = b - alpha0 * lean
-        change_before = np.inf
-        stuck, loose = known == STUCK, False
-        for number in range(1, (STUCK_PASSES if stuck else MAX_PASSES) + 1):
-            pushed = self.forces(q, guess, t)
-            if rubs:
-                bound = assembly.bound(lam_star)
-                driven = driven_forces(signs, bound)
-                pushed = pushed + assembly.friction_force(driven)
-            d, own = momentum(b, pushed, D, h, LARGEST)
-            lower, upper = layout.limits(bound[layout.sticking])
-            qp, solution = qps.solve(
-                own=own,
-                A=A,
-                d=d,
-                lower=lower,
-                upper=upper,
-                row_id=layout.row_id,
-                feature=layout.feature,
-                D=D,
-                kind=_kind(number, self.velocity_dependent),
-                t=t,
-                h=h,
-                alpha0=alpha0,
-                eps0=eps0,
-            )
-            x = np.asarray(solution.x)
-            v, a = outcome(entries, bodies, x, b, d, D, h, alpha0)
-            gap_speed = assembly.gap_speed(v)
-            if lean is not None:
-                v = v + lean
-            if redundant:
-                coulomb = coulomb_rows(assembly, layout) if correct else None
-                x = least_norm(qps, qp, x, coulomb)
-            lam_N, lam_F = layout.split(x, signs.size)
-            slip = assembly.slip_speed(v) if rubs else NOTHING
-            at_bound = forced_signs(signs, lam_F, bound, slip) != 0
-            step = VelocityStep(
-                t=t,
-                h=h,
-                q=q,
-                v=v,
-                a=a,
-                lam_N=lam_N,
-                lam_F=lam_F + driven,
-                gap_speed=gap_speed,
-                slip_speed=slip,
-                at_bound=at_bound,
-                assembly=assembly,
-                passes=number,
-            )
-            if not iterate:
-                return step
-            behind = self.norm(v - guess) if self.velocity_dependent else 0.0
-            ahead = 0.0
-            if correct:
-                new_bound = assembly.bound(lam_N)
-                moved = force_change(signs, lam_F, bound, new_bound)
-                off = self.norm(assembly.friction_force(moved) / D**2)
-                ahead = h / alpha0 * off
-                if stuck:
-                    rubbing = self.norm(assembly.friction_force(step.lam_F) / D**2)
-                    loose = off > STUCK_TOL * rubbing
-            change = behind + ahead
-            rate = change / change_before if number > 1 and change_before > 0 else FIRST_RATE
-            # without friction the fixed point is a contraction or the step is too long
-            rounding = h / alpha0 * eps0
-            close = rate < 1 and iteration_error(rate, behind, ahead, rounding) <= 0.1 * self.eps
-            if close and not loose:
-                return step
-            if number > 2 and rate >= 1 and not correct:
-                break
-            guess, change_before = v, change
-            if correct:
-                both = None
-                if stuck and number == MAX_PASSES:
-                    both = coulomb_multipliers(assembly, D, d)
-                if both is not None:
-                    lam_star = both[0]
-                    continue
-                lam_star = newton_multipliers(assembly, D, signs, lam_star, lam_N, lam_F, v, stuck)
-        return step._replace(settled=False)
+        return _Posed(
+            *(assembly, layout, entries, bodies, A, b, alpha0, interval, signs),
+            eps0=asked_accuracy(self.eps, iterate),
+            correct=correct,
+            iterate=iterate,
+            stuck=stuck,
+            redundant=rubs and not self._independent(A, entries, bodies, layout),
+            lean=lean,
+        )
+
+    def _independent(
+        self, A: Matrix, entries: NDArray[np.float64], bodies: Indices, layout: Layout
+    ) -> bool:
+        """Whether the columns of A are independent beyond doubt."""
+        if sp.issparse(A):
+            return peels(entries, bodies, self.D) or layout.proof.holds(A)
+        return surely_independent(A)
+
+    def _one_pass(
+        self, qps: QPSequence, posed: _Posed, guess: Vector, lam_star: Vector, number: int
+    ) -> _Found:
+        """Pose the QP with the forces at the guess and λ_*, and solve it."""
+        assembly, layout, h, signs = posed.assembly, posed.layout, posed.interval.h, posed.signs
+        rubs, bound, driven = signs.size > 0, NOTHING, NOTHING
+        pushed = self.forces(assembly.q, guess, posed.interval.t)
+        if rubs:
+            bound = assembly.bound(lam_star)
+            driven = driven_forces(signs, bound)
+            pushed = pushed + assembly.friction_force(driven)
+        d, own = momentum(posed.b, pushed, self.D, h, LARGEST)
+        lower, upper = layout.limits(bound[layout.sticking])
+        qp, solution = qps.solve(
+            own=own,
+            A=posed.A,
+            d=d,
+            lower=lower,
+            upper=upper,
+            row_id=layout.row_id,
+            feature=layout.feature,
+            D=self.D,
+            kind=_kind(number, self.velocity_dependent),
+            t=posed.interval.t,
+            h=h,
+            alpha0=posed.alpha0,
+            eps0=posed.eps0,
+        )
+        x = np.asarray(solution.x)
+        v, a = outcome(posed.entries, posed.bodies, x, posed.b, d, self.D, h, posed.alpha0)
+        gap_speed = assembly.gap_speed(v)
+        if posed.lean is not None:
+            v = v + posed.lean
+        if posed.redundant:
+            x = least_norm(qps, qp, x, coulomb_rows(assembly, layout) if posed.correct else None)
+        lam_N, lam_F = layout.split(x, signs.size)
+        slip = assembly.slip_speed(v) if rubs else NOTHING
+        step = VelocityStep(
+            t=posed.interval.t,
+            h=h,
+            q=assembly.q,
+            v=v,
+            a=a,
+            lam_N=lam_N,
+            lam_F=lam_F + driven,
+            gap_speed=gap_speed,
+            slip_speed=slip,
+            at_bound=forced_signs(signs, lam_F, bound, slip) != 0,
+            assembly=assembly,
+            passes=number,
+        )
+        return _Found(step, d, bound, lam_F)
+
+    def _change(self, posed: _Posed, found: _Found, guess: Vector) -> tuple[float, float, bool]:
+        """‖·‖_M by which q̇_n has moved, will move with the next λ_*, and whether that is loose.
+
+        Loose are friction forces that are still on their way down from λ_* = ∞.
+        """
+        step, assembly, mass = found.step, posed.assembly, self.D**2
+        behind = self.norm(step.v - guess) if self.velocity_dependent else 0.0
+        if not posed.correct:
+            return behind, 0.0, False
+        bound = assembly.bound(step.lam_N)
+        moved = force_change(posed.signs, found.lam_F, found.bound, bound)
+        off = self.norm(assembly.friction_force(moved) / mass)
+        loose = False
+        if posed.stuck:
+            rubbing = self.norm(assembly.friction_force(step.lam_F) / mass)
+            loose = off > STUCK_TOL * rubbing
+        return behind, step.h / posed.alpha0 * off, loose
+
+    def _settles(self, posed: _Posed, rate: float, behind: float, ahead: float) -> bool:
+        """(3.14): whether further passes would change q̇_n by no more than a tenth of ε."""
+        rounding = posed.interval.h / posed.alpha0 * posed.eps0
+        return rate < 1 and iteration_error(rate, behind, ahead, rounding) <= 0.1 * self.eps
+
+    def _next_guess(self, posed: _Posed, found: _Found, lam_star: Vector) -> Vector:
+        """λ_* (N,) of the next pass; that of the LCP where passes from ∞ take too long."""
+        step = found.step
+        if posed.stuck and step.passes == MAX_PASSES:
+            both = coulomb_multipliers(posed.assembly, self.D, found.d)
+            if both is not None:
+                return both[0]
+        return newton_multipliers(
+            *(posed.assembly, self.D, posed.signs, lam_star),
+            *(step.lam_N, found.lam_F, step.v, posed.stuck),
+        )
 
     def _lean(self, A: Matrix, assembly: Assembly, layout: Layout) -> Vector:
         """u/τ (3n,): the velocity that closes the gaps of active contacts within τ."""
@@ -228,24 +313,17 @@ class VelocityEquations:
         return u / self.drift_time
 
     def _first_guess(
-        self,
-        assembly: Assembly,
-        history: History,
-        q_before: Vector,
-        t: float,
-        h: float,
-        signs: Vector,
-        known: int,
+        self, assembly: Assembly, history: History, interval: Interval, signs: Vector, known: int
     ) -> Vector:
         """λ_* (N,) of the first pass, as `known` says."""
-        correct = self.friction == "corrected"
+        correct, h = self.friction == "corrected", interval.h
         if known == STUCK or (correct and known == 0 and not signs.any()):
             return np.full(len(assembly.normals), np.inf)
         if known == 0:
             # a force may jump where the step begins: it is the one after
-            f_before = self.forces(q_before, history.v, t)
+            f_before = self.forces(interval.q, history.v, interval.t)
             mass = self.D**2
-            return spring_multipliers(assembly, 1 / mass, q_before, history.v, f_before, h)
+            return spring_multipliers(assembly, 1 / mass, interval.q, history.v, f_before, h)
         w = h / history.h if history.h else 1.0
         return extrapolated_multipliers(*assembly.active.lam, known, w)
 

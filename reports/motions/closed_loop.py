@@ -1,12 +1,11 @@
 """What `glambda closed-loop` prints and writes: what a solver does to the motion.
 
-    closed_loop_reference        how good the reference is, and what the error of ε is
-    closed_loop_sloppy           error of the motion against the accuracy of the answers
-    closed_loop_motion_SCENE     every loop: error, separation, events
-    closed_loop_physics_SCENE    every loop: steps, penetration, energy, Signorini, accuracy
+    closed_loop              every loop: error, events, steps, overlap, energy, Signorini, accuracy
+    closed_loop_reference    how good the reference is, and what the error of ε is
+    closed_loop_sloppy       error of the motion against the accuracy of the answers
 
-Three figures (`reports.motions.closed_loop_figures`); one page, closed_loop.md, which opens with
-what was found, in sentences made from the numbers (`reports.motions.closed_loop_findings`).
+Three figures (`reports.motions.closed_loop_figures`); one page, closed_loop.md: what was found, in
+sentences made from the numbers (`reports.motions.closed_loop_findings`), and what the columns are.
 """
 
 from __future__ import annotations
@@ -40,7 +39,6 @@ from reports.parts.table import (
     Table,
     percent,
     print_tables,
-    scientific,
     short,
     times,
     whole,
@@ -164,8 +162,9 @@ def motion_table(each: Findings) -> Table:
     )
     lengths = ["first impact", "error", "rms", "from exact", "to the end"]
     return Table(
-        name=f"closed_loop_motion_{_plain(each.scene)}",
-        title=f"The motion, {each.scene}",
+        name="closed_loop_motion",
+        title="The motion",
+        key={"scene": each.scene},
         reading=(
             "pose error against the reference: the largest up to the first impact "
             f"({seconds(each.first_impact)} s), the largest and the root mean square up to "
@@ -191,77 +190,12 @@ def motion_table(each: Findings) -> Table:
     )
 
 
-def physics_table(each: Findings) -> Table:
-    """One scene: what the stepper had to do, and what the physics became."""
-    rows = each.rows
-    peak = each.reference.measures["peak_kinetic"]
-    data = pd.DataFrame(
-        {
-            "solver": rows["solver"],
-            "setting": rows["setting"],
-            "steps": rows["steps"],
-            "rejected": rows["rejected_steps"],
-            "restarts": rows["restarts"],
-            "impulses": rows["impulses"],
-            "QPs": rows["qps"],
-            "worst step": rows["eps0_ratio"],
-            "worst impulse": rows["impulse_ratio"],
-            "missed": rows["missed"] / rows["qps"],
-            "overlap": rows["overlap"],
-            "reach": rows["reach"],
-            "approach": rows["approach"],
-            "pull": rows["pull"],
-            "pumped": rows["pumped"] / peak,
-            "gained": (rows["gained_at_steps"] + rows["gained_at_impulses"]) / peak,
-            "lost at impulses": rows["lost_at_impulses"] / peak,
-            "energy at end": rows["energy_end"] / peak,
-            "in QPs": rows["call_time"] / rows["wall_time"],
-        }
-    )
-    counts = ["steps", "rejected", "restarts", "impulses", "QPs"]
-    return Table(
-        name=f"closed_loop_physics_{_plain(each.scene)}",
-        title=f"Steps, accuracy and physics, {each.scene}",
-        reading=(
-            "worst step, worst impulse: the largest ‖A(x − x*)‖ of an answer in multiples of what "
-            "its QP needs (ε₀; 1e-10 of the momentum for an impulse). missed: share of answers "
-            "beyond ten times that which the solver calls solved. overlap: the deepest of two "
-            "parts. reach: the largest gap across which a contact pushes. approach [m/s], pull "
-            "[N]: g_Nᵀq̇ < 0 and λ_N < 0 at the end of a step. pumped: "
-            "work of contact forces on contacts that separate; gained: what T + V rises at steps "
-            f"and impulses; all energies over the largest kinetic energy, {short(peak)} J. in "
-            "QPs: share of the wall time that was spent in the solver's calls."
-        ),
-        data=data,
-        formats={
-            **dict.fromkeys(counts, whole),
-            **dict.fromkeys(["worst step", "worst impulse", "approach", "pull"], short),
-            **dict.fromkeys(["missed", "in QPs"], percent),
-            **dict.fromkeys(["pumped", "gained", "energy at end"], scientific),
-            "lost at impulses": short,
-            **dict.fromkeys(["overlap", "reach"], metres),
-        },
-    )
-
-
 def _multiple(value: Any) -> str:
     return f"{short(value)}x"
 
 
 def _milliseconds(value: Any) -> str:
     return f"{short(1000 * float(value))} ms"
-
-
-def _plain(scene: str) -> str:
-    return scene.replace(",", "_").replace("=", "")
-
-
-def tables_of(found: Sequence[Findings]) -> list[Table]:
-    """All tables of the page."""
-    tables = [reference_table(found), sloppy_table(found)]
-    for each in found:
-        tables += [motion_table(each), physics_table(each)]
-    return [table for table in tables if len(table.data)]
 
 
 def print_closed_loop(console: Console, found: Sequence[Findings]) -> None:
@@ -280,6 +214,27 @@ def print_closed_loop(console: Console, found: Sequence[Findings]) -> None:
 
 LEFT_OUT = ("first impact", "rms", "to the end", "mismatch", "rank")
 """Columns that are not printed."""
+COLUMNS = {
+    "verdict, reason, reached": "how the loop ended, why if too early, and when [s].",
+    "error_first, error, error_end": "largest pose error against the reference [m] up to the first "
+    "impact, up to the time judged to, to the end; rms likewise.",
+    "from_twin": "largest distance to exact QPs at the same ε [m], the solver's own doing.",
+    "apart": f"when it is {metres(APART)} off [s].",
+    "matched, missing, extra": f"{', '.join(MATCHED_KINDS)} that have a partner within "
+    f"{1000 * WINDOW:g} ms in the reference, and those without one on either side; event_error: "
+    "the largest time between partners, mismatch: the first without one [s].",
+    "eps0_ratio, impulse_ratio": "the largest ‖A(x − x*)‖ of an answer in multiples of what its QP "
+    "needs: ε₀; 1e-10 of the momentum for an impulse.",
+    "missed": "answers beyond ten times that which the solver calls solved.",
+    "overlap, reach": "the deepest overlap of two parts, and the largest gap across which a "
+    "contact pushes [m].",
+    "approach, pull": "largest −g_Nᵀq̇ [m/s] and −λ_N [N] at the end of a step.",
+    "pumped": "work of contact forces on contacts that separate [J].",
+    "gained_at_steps, gained_at_impulses, lost_at_impulses": "by how much T + V rises and falls "
+    "[J]; energy_end: what is left at the end, less the reference's; peak_kinetic: the largest T.",
+    "call_time, wall_time": "spent in the solver's calls, and in all [s].",
+}
+"""What closed_loop.csv holds, beside counts that bear their names."""
 FIGURES = (
     ("closed_loop_accuracy", "Error of the motion against the worst answer", plot_accuracy),
     ("closed_loop_separation", "Pose error in time", plot_separation),
@@ -295,7 +250,7 @@ def write_closed_loop(found: Sequence[Findings], folder: str | Path) -> Path:
     """Write closed_loop.md, closed_loop.csv, the figures and one CSV per table; return the page."""
     folder = Path(folder)
     rows = pd.concat([each.rows for each in found], ignore_index=True)
-    tables = tables_of(found)
+    tables = [table for table in (reference_table(found), sloppy_table(found)) if len(table.data)]
     for name, _, plot in FIGURES:
         draw_files(partial(plot, found), folder / name)
     page = folder / "closed_loop.md"
@@ -319,5 +274,9 @@ def _page(found: Sequence[Findings], tables: Sequence[Table]) -> str:
             said + "\n",
             *pictures,
             *(table.to_markdown() for table in tables),
+            "## Every loop\n",
+            "A row each is in [closed_loop.csv](closed_loop.csv).\n",
+            *(f"- {names}: {meaning}" for names, meaning in COLUMNS.items()),
+            "",
         ]
     )

@@ -1,11 +1,12 @@
 """The report: tables, figures and one page that stands alone.
 
     OUT/index.html          everything inside: figures as SVG, style, no script, no other address
-    OUT/tables/*.md, *.csv  the same tables
+    OUT/findings.md         what was found, in sentences
+    OUT/tables/*.csv        the same tables, those of all settings in one
     OUT/figures/*.svg, *.png
 
 1. Read the results folder (`reports.rows.results`).
-2. Make every table that its rows allow, and write it as Markdown and CSV.
+2. Make every table that its rows allow, and write it as CSV.
 3. Draw every figure, as SVG for the page and as PNG for elsewhere.
 4. Put the answers first, then the evidence, then where the paper's method loses, then how to get
    the same numbers again.
@@ -23,11 +24,12 @@ from typing import Any
 import pandas as pd
 
 from reports.motions.frames import plot_scene
+from reports.page.findings_page import findings_page
 from reports.page.page_figures import PageFigures
 from reports.parts.names import is_method
 from reports.parts.sentences import Answer, join
 from reports.parts.style import draw_files
-from reports.parts.table import Table, write_text
+from reports.parts.table import Table, write_tables, write_text
 from reports.rows.comparison import compare
 from reports.rows.results import ARMS, METHOD, Results, load_results
 from reports.sections.certificates import (
@@ -79,22 +81,29 @@ def write_report(results_dir: str | Path, out_dir: str | Path) -> Path:
 
 def report(results: Results, out: Path) -> Path:
     """Write the report of results that were read already."""
-    return write_text(out / "index.html", _Writer(results, out).page())
+    writer = _Writer(results, out)
+    context = writer.context()
+    tables = write_tables(out / "tables", writer.made)
+    told = {name: context[name] for name in ("lead", "answers", "missing", "unflattering")}
+    write_text(out / "findings.md", findings_page(**told, tables=tables))
+    return write_text(out / "index.html", writer.page(context))
 
 
 class _Writer:
-    """Makes each table and figure once: into its file, and for the page."""
+    """Makes each table and figure once, for its file and for the page.
+
+    made : the tables that have a file
+    """
 
     def __init__(self, results: Results, out: Path) -> None:
         self.results = results
-        self.tables = out / "tables"
+        self.made: list[Table] = []
         self.figures = out / "figures"
         self.drawn = PageFigures()
 
     def table(self, table: Table) -> dict[str, Any]:
-        """Write a table as Markdown and CSV; returns what the template needs."""
-        write_text(self.tables / f"{table.name}.md", table.to_markdown())
-        write_text(self.tables / f"{table.name}.csv", table.to_csv())
+        """Keep a table for its file; returns what the template needs."""
+        self.made.append(table)
         return table_context(table)
 
     def figure(self, name: str, caption: str, draw: Callable[[Path], Any]) -> dict[str, str]:
@@ -103,8 +112,8 @@ class _Writer:
         draw_files(draw, self.figures / name)
         return {"markup": self.drawn.add(self.figures / name, caption), "caption": caption}
 
-    def page(self) -> str:
-        """The whole page as text."""
+    def page(self, context: dict[str, Any]) -> str:
+        """The whole page as text; context : everything that the template shows."""
         from jinja2 import Environment, PackageLoader, StrictUndefined
         from markupsafe import Markup
 
@@ -115,7 +124,6 @@ class _Writer:
             trim_blocks=True,
             lstrip_blocks=True,
         )
-        context = self.context()
         for entry in _figures_in(context):
             entry["markup"] = Markup(entry["markup"])
         environment.filters["prose"] = prose
@@ -191,7 +199,8 @@ class _Writer:
         results = self.results
         if results.headline is None:
             return None
-        overviews = [self.table(verified_table(results, name)) for name in results.settings]
+        shares = (verified_table(results, name) for name in results.settings)
+        overviews = [table_context(table) for table in shares]  # in the table of accuracy already
         full = [self.table(accuracy_table(results, name)) for name in results.settings]
         return {
             "overview": {**overviews[0], "notes": full[0]["notes"]},
@@ -333,7 +342,7 @@ def table_context(table: Table) -> dict[str, Any]:
         groups[-1]["rows"].append({"cells": cells, "own": own})
     return {
         "name": table.name,
-        "title": table.title,
+        "title": table.heading,
         "reading": table.reading,
         "notes": list(table.notes),
         "columns": [column for column in columns if column["name"] != hidden],

@@ -21,13 +21,16 @@ from harness.files.printable import printable
 from reports.parts.terminal_table import terminal_table
 
 Format = Callable[[Any], str]
+LONGEST = 24
+"""Rows from which on a page in Markdown names the file of a table instead of showing it."""
 
 
 @dataclass(frozen=True)
 class Table:
     """One table.
 
-    name : of its files;  title : heading;  reading : how to read it
+    name : of its file, which it shares with tables of another `key`, {"setting": "paper"} say
+    title : what it is called with all of these;  reading : how to read it
     data : numbers as measured;  formats : column → how to print it;  notes : sentences below
     """
 
@@ -37,6 +40,12 @@ class Table:
     data: pd.DataFrame
     formats: Mapping[str, Format] = field(default_factory=dict)
     notes: Sequence[str] = ()
+    key: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def heading(self) -> str:
+        """Its title, and what tells it from others of its name."""
+        return ", ".join([self.title, *(f"{name} {value}" for name, value in self.key.items())])
 
     def display(self) -> pd.DataFrame:
         """Every cell as it is printed; an unknown number is an en dash."""
@@ -51,9 +60,11 @@ class Table:
         return bool(pd.api.types.is_numeric_dtype(self.data[column])) or column in self.formats
 
     def to_markdown(self) -> str:
-        """Heading, how to read it, the table and its notes."""
-        parts = [f"## {self.title}", f"*How to read:* {self.reading}"]
-        if len(self.data):
+        """Heading, how to read it, the table or where it is, and its notes."""
+        parts = [f"## {self.heading}", f"*How to read:* {self.reading}"]
+        if len(self.data) > LONGEST:
+            parts.append(f"{len(self.data):,} rows are in [{self.name}.csv]({self.name}.csv).")
+        elif len(self.data):
             align = ["right" if self.numeric(name) else "left" for name in self.data.columns]
             text = self.display().to_markdown(index=False, disable_numparse=True, colalign=align)
             parts.append(text)
@@ -65,7 +76,14 @@ class Table:
 
     def to_csv(self) -> str:
         """The numbers as measured, one header line."""
-        return csv_text(self.data)
+        return csv_text(stacked([self]))
+
+
+def stacked(tables: Sequence[Table]) -> pd.DataFrame:
+    """The numbers of tables of one name, what tells them apart in the first columns."""
+    rows = [{**table.key, **row} for table in tables for row in table.data.to_dict("records")]
+    columns = [name for table in tables for name in (*table.key, *table.data.columns)]
+    return pd.DataFrame(rows, columns=list(dict.fromkeys(columns)))
 
 
 def print_tables(console: Console, tables: Iterable[Table]) -> None:
@@ -73,7 +91,7 @@ def print_tables(console: Console, tables: Iterable[Table]) -> None:
     for table in tables:
         shown = table.display()
         columns = [f">{name}" if table.numeric(name) else name for name in shown.columns]
-        console.print(terminal_table(table.title, columns, shown.to_numpy().tolist()))
+        console.print(terminal_table(table.heading, columns, shown.to_numpy().tolist()))
         for note in table.notes:
             console.print(Text(f"  {note}"))
         console.print()
@@ -101,11 +119,20 @@ def write_page(
 
     rows : what was measured, by file name, written as it is
     """
-    for table in tables:
-        write_text(page.with_name(f"{table.name}.csv"), table.to_csv())
+    write_tables(page.parent, tables)
     for name, data in (rows or {}).items():
         write_text(page.with_name(f"{name}.csv"), csv_text(data))
     return write_text(page, text)
+
+
+def write_tables(folder: Path, tables: Iterable[Table]) -> dict[str, list[Table]]:
+    """Write tables as CSV, those of one name into one file; returns them by name."""
+    named: dict[str, list[Table]] = {}
+    for table in tables:
+        named.setdefault(table.name, []).append(table)
+    for name, same in named.items():
+        write_text(folder / f"{name}.csv", csv_text(stacked(same)))
+    return named
 
 
 def _unknown(value: Any) -> bool:

@@ -43,8 +43,9 @@ def least_table(rows: pd.DataFrame, task: str) -> Table:
     names = [f"≤ {power(target)}" for target in TARGETS]
     own_error = part["reference_error"].max()
     return Table(
-        name=f"peers_least_{_plain(task)}",
-        title=f"CPU time for an error, {task} s",
+        name="peers_least",
+        title="CPU time for an error",
+        key={"motion": f"{task} s"},
         reading=(
             "the least CPU time of any setting and step whose error of the pose, over all bodies "
             "and all times compared, is at most that [m or rad], and with which all finer steps "
@@ -306,7 +307,3 @@ def tables_of(rows: pd.DataFrame, engines: Sequence[EngineInfo]) -> list[Table]:
     made = [*(least_table(rows, task) for task in tasks), order_table(rows)]
     made += [whole_table(rows), rest_table(rows), lost_table(rows)]
     return [*(table for table in made if len(table.data)), engines_table(engines)]
-
-
-def _plain(task: str) -> str:
-    return "".join(c if c.isalnum() or c == "." else "_" for c in task)

@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from harness.judging.facts import RANK_COLUMNS, RANK_TOL
+from harness.judging.facts import RANK_COLUMNS
+from harness.judging.tolerances import RANK_TOL
 from problems.qp import ContactQP
 from reports.parts.names import in_order
 from reports.parts.sentences import Answer, join

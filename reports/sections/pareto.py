@@ -142,8 +142,9 @@ def _table(points: pd.DataFrame, arm: str) -> Table:
                 f"{microseconds(best['time'])} µs, by {best['solver']} asked for {best['asked']}."
             )
     return Table(
-        name=f"pareto_{arm}",
-        title=f"Accuracy against time, {arm}",
+        name="pareto",
+        key={"arm": arm},
+        title="Accuracy against time",
         reading=(
             "One line per solver and accuracy asked, relative to the scale, on the QPs of all "
             "scenes.  time is the shifted geometric mean in µs; error in Gλ over the scale is what "

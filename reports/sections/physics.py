@@ -43,8 +43,9 @@ def physics_table(results: Results, setting: str) -> Table:
         sorted(out, key=lambda row: solver_order(str(row["solver"]))), columns=names
     )
     return Table(
-        name=f"physics_{setting}",
-        title=f"Physics of the answers, setting {setting}",
+        name="physics",
+        key={"setting": setting},
+        title="Physics of the answers",
         reading=(
             "The worst over all scenes and arms.  approach: bodies in contact that still move "
             "into each other after the step.  pull: contacts that hold bodies together (N s in an "

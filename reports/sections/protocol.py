@@ -89,8 +89,6 @@ def _machine(results: Results) -> list[tuple[str, str]]:
 
 def _references(results: Results) -> str:
     """On what the references rest."""
-    from glambda.display import proofs
-
     known = [each for recording in results.recordings.values() for each in recording.references]
     return f"A x* of the recorded data: {proofs(known)}." if known else ""
 

@@ -27,8 +27,9 @@ def spread_table(results: Results, setting: str) -> Table:
             out += _rows(compare(results.rows, scene, setting, arm))
     data = pd.DataFrame(out)
     return Table(
-        name=f"spread_{setting}",
-        title=f"How far times spread, setting {setting}",
+        name="spread",
+        key={"setting": setting},
+        title="How far times spread",
         reading=(
             "Quartiles over the QPs of a scene, those of the cost table, in µs.  passes: the "
             "median over the QPs of the median pass over the best one; what exceeds 1 is the "

@@ -130,20 +130,19 @@ def starts_tables(results: Results) -> list[Table]:
     if pairs.empty:
         return []
     scenes = sorted(pairs["scene"].unique())
-    made = [_table(pairs, "starts", "What the quality of a start is worth", results)]
+    made = [_table(pairs, "all", results)]
     if len(scenes) > 1:
-        for scene in scenes:
-            part = pairs[pairs["scene"] == scene]
-            made.append(_table(part, f"starts_{scene}", f"Starts on {scene}", results))
+        made += [_table(pairs[pairs["scene"] == scene], scene, results) for scene in scenes]
     return made
 
 
-def _table(pairs: pd.DataFrame, name: str, title: str, results: Results) -> Table:
+def _table(pairs: pd.DataFrame, scene: str, results: Results) -> Table:
     data = summarise(pairs, ["solver", "arm"])
     slower = data[data["arm"].isin(["exact", "extrapolated", "warm"]) & (data["from"] > 1)]
     return Table(
-        name=name,
-        title=f"{title}, setting {setting_of(results)}",
+        name="starts",
+        key={"setting": str(setting_of(results)), "scene": scene},
+        title="What the quality of a start is worth",
         reading=(
             "Each solver against its own cold solves of the same QPs, verified both ways and not "
             "after a restart.  ratio is the geometric mean of the times, below 1 a gain, with the "

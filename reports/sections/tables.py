@@ -128,8 +128,9 @@ def accuracy_table(results: Results, setting: str) -> Table:
     )
     errors = [name for name in data.columns if "ratio" in name or "error" in name]
     return Table(
-        name=f"accuracy_{setting}",
-        title=f"Accuracy, setting {setting}",
+        name="accuracy",
+        key={"setting": setting},
+        title="Accuracy",
         reading=(
             f"Asked: {asked}.  Gλ error is ‖A(x − x*)‖ over the scale ‖A A⁺d‖, and eps0 ratio the "
             "same over ε₀; x* is the checked reference.  A solve is verified up to 10 times what "
@@ -180,8 +181,9 @@ def verified_table(results: Results, setting: str) -> Table:
     shares.columns.name = None
     scenes = list(shares.columns)
     return Table(
-        name=f"verified_{setting}",
-        title=f"Who reproduces Gλ, setting {setting}",
+        name="verified",
+        key={"setting": setting},
+        title="Who reproduces Gλ",
         reading=(
             "Share of the solves that the judge verified.  100 % means every one; a dash that the "
             "backend skipped them all."
@@ -223,8 +225,9 @@ def cost_table(results: Results, setting: str) -> Table:
         formats |= dict.fromkeys([f"{arm} median", f"{arm} mean"], microseconds)
         formats |= {f"{arm} ÷ best": times, f"{arm} verified": percent}
     return Table(
-        name=f"cost_{setting}",
-        title=f"Time per QP in µs, setting {setting}",
+        name="cost",
+        key={"setting": setting},
+        title="Time per QP in µs",
         reading=(
             "Setup and solve inside the package's own call; building its arrays is not counted.  "
             "median is over the QPs of the scene, as measured; ÷ best is that median over the one "
@@ -293,8 +296,9 @@ def warm_table(results: Results, setting: str) -> Table:
             out.append({"scene": scene, **warm_row(str(solver), part)})
     data = pd.DataFrame(sorted(out, key=_place))
     return Table(
-        name=f"warm_start_{setting}",
-        title=f"What a warm start is worth, setting {setting}",
+        name="warm_start",
+        key={"setting": setting},
+        title="What a warm start is worth",
         reading=(
             "Each backend against itself: the same QPs solved from nothing and from its own "
             "previous answer, mapped by row.  The first QP after a discontinuity is left out, and "

@@ -11,9 +11,9 @@ from typing import Any
 
 import numba
 
-from problems import qp_kernel
 from problems.kernels import compiled
 from problems.kernels.sources import defining, sources
+from problems.qp_kernel import SIGNATURE
 
 MARKS = "\n@kernel\n", "\n@function\n"
 SOURCES = sources(
@@ -23,8 +23,8 @@ SOURCES = sources(
 """Files whose functions or constants are compiled into the method's kernels."""
 
 kernel = compiled.kernel_decorator(SOURCES)
-function = compiled.function_decorator(SOURCES, qp_kernel.SIGNATURE)
-in_rows, lent, read_only = compiled.in_rows, compiled.lent, compiled.read_only
+stage = compiled.kernel_decorator(SOURCES, forceinline=True)
+function = compiled.function_decorator(SOURCES, SIGNATURE)
 
 
 def entry(kernel: Any, *arguments: str) -> Any:

@@ -10,9 +10,10 @@ from __future__ import annotations
 
 from math import inf, nan, sqrt
 
+from problems.kernels.numba_internals import lent
 from problems.qp import AT_LOWER, AT_UPPER, FREE, PASSIVE
 from problems.qp_kernel import WARM
-from solvers.active_set.compiled import function, kernel, lent
+from solvers.active_set.compiled import function, kernel, stage
 from solvers.active_set.conjugate_gradients import conjugate_gradients
 from solvers.active_set.factorization import (
     UNIT_ROUNDOFF,
@@ -542,6 +543,143 @@ def finish(row_id, lower, upper, S, I, k, f):
     I[COUNTS, OLD_K] = k
 
 
+@stage
+def reset(I, mode):
+    """Counts of a new QP, and whether an earlier one is remembered."""
+    for i in range(DIRECTIONS, FLOPS + 1):
+        I[COUNTS, i] = 0
+    if not mode & WARM:  # a new workspace holds anything
+        I[COUNTS, OLD_K] = I[COUNTS, OLD_ORDER] = -1
+        I[COUNTS, AGE] = 0
+    return (mode & WARM) != 0 and I[COUNTS, OLD_K] >= 0
+
+
+@stage
+def default_accuracy(S, mp, k):
+    """1e-9 of the largest |b_jᵀ d|, ‖b_j‖ = 1."""
+    take_gradient(S, mp, k, MOMENTUM)
+    eps0 = 0.0
+    for j in range(k):
+        eps0 = max(eps0, 1e-9 * abs(S[GRADIENT, j]))
+    return eps0
+
+
+@stage
+def begin(S, I, m, mp, k, mode, warm, w):
+    """Step 1: F and its R, that of an earlier QP unless it is due to be renewed.
+
+    Returns the number of columns in F, and the age of R, 0 where it is today's.
+    """
+    fresh, own_set = (mode & TODAYS_QR) != 0, (mode & OWN_SET) != 0
+    f, age, carried = start(S, I, k, warm, own_set, w), 0, -1
+    I[COUNTS, AGE] += 1
+    I[COUNTS, ORDER] = k
+    if not fresh and I[COUNTS, OLD_ORDER] < 0:
+        forget(I[COUNTS], S[REALS])
+    if warm and not fresh and not own_set and I[COUNTS, OLD_ORDER] >= 0:
+        interval = I[COUNTS, INTERVAL] if mode & CUSTOM else 0
+        due = I[COUNTS, DUE] != 0 if interval == 0 else I[COUNTS, AGE] >= interval
+        if not due:
+            age = I[COUNTS, AGE]
+            carried = carry_R(S, I, m, mp, f)
+            if carried < 0:
+                f = start(S, I, k, warm, False, w)
+    if carried >= 0:
+        return carried, age
+    f = factorize(S, I, m, mp, f, 0)
+    if not fresh:
+        keep_R(S, I, f)
+    return f, age
+
+
+@stage
+def slope_of(S, I, f):
+    """‖A_Fᵀ r‖."""
+    slope = 0.0
+    for c in range(f):
+        slope += S[GRADIENT, I[F, c]] ** 2
+    return sqrt(slope)
+
+
+@stage
+def descend(S, I, m, mp, k, f, fresh, aim, mode):
+    """Steps 3 to 6: a direction, by conjugate gradients or today's QR, as far as it is feasible.
+
+    Returns |F|, whether R is today's, θ, how many bounds were reached, the rounding of r.
+    """
+    if not fresh:  # 3.
+        f, found = direction_by_cg(S, I, m, mp, f, 0.5 * aim, mode)
+        if not found:
+            f, fresh = factorize(S, I, m, mp, f, 0), True
+    if fresh:
+        direction_by_Q(S, mp, f)
+        I[COUNTS, FLOPS] += 2 * product_flops(m, f) + triangular_flops(f)
+    theta = ratio_test(S, I, f)  # 4.
+    reached = take_step(S, I, f, theta)  # 5.
+    moved, rounding = take_residual(S, mp, k)
+    I[COUNTS, FLOPS] += product_flops(m, k)
+    if moved > rounding:
+        for j in range(k):
+            I[MARK, j] = 0
+    if reached > 0:  # 6.
+        f = drop_reached(S, I, m, mp, f, fresh, (mode & SCRATCH) != 0)
+        for j in range(k):
+            I[MARK, j] &= ~DISMISSED
+    return f, fresh, theta, reached, rounding
+
+
+@stage
+def most_wrong(S, I, k, f, slope):
+    """Step 8: ‖A_Fᵀ r‖ or the largest wrong sign, the largest of rows that may enter, and which."""
+    left, worst, entering = slope, 0.0, -1
+    for c in range(f):
+        I[MARK, I[F, c]] |= NOW_IN_F
+    for j in range(k):
+        wrong = wrong_sign(S, j)
+        left = max(left, wrong)
+        if wrong > worst and not I[MARK, j] & (BOUNCED | DISMISSED | NOW_IN_F):
+            worst, entering = wrong, j
+        I[MARK, j] &= ~NOW_IN_F
+    return left, worst, entering
+
+
+@stage
+def enter(S, I, m, mp, f, entering, fresh, eps0, rounding, mode):
+    """A column enters F, unless it depends on it.  Returns |F|, whether R is today's, whether."""
+    I[COUNTS, ORDER] = f
+    done, fresh = append_column(S, I, m, mp, f, entering, fresh, SHARE * eps0, rounding)
+    f = I[COUNTS, ORDER]
+    if not done:
+        I[MARK, entering] |= DISMISSED
+        return f, fresh, False
+    f += 1
+    if not fresh:
+        S[REALS, INVERSE_NORM] = S[REALS, GROWN_NORM]
+    if fresh and mode & SCRATCH:
+        f = factorize(S, I, m, mp, f, 0)
+    I[MARK, entering] |= ENTERED
+    I[COUNTS, CHANGES] += 1
+    return f, fresh, True
+
+
+@stage
+def remember_R(S, I, m, f, fresh, age, mode):
+    """What the next QP may use of R, and what its use has cost."""
+    I[COUNTS, OLD_ORDER] = -1
+    if mode & TODAYS_QR:
+        return
+    if fresh:
+        keep_R(S, I, f)
+    I[COUNTS, OLD_ORDER] = f
+    I[COUNTS, DUE] = 0
+    if mode & ONLINE:
+        S[REALS, FACTORIZATION_COST] = qr_flops(m, f)
+        cost = cg_iteration_flops(m, f) * I[COUNTS, CG_ITERATIONS]
+        factorized = I[COUNTS, FACTORIZATIONS] > 0
+        given_up = age if factorized else 0
+        keep_account(I[COUNTS], S[REALS], factorized, given_up, cost, I[COUNTS, DIRECTIONS])
+
+
 @kernel
 def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
     """Solve one QP with the step numbers of `method`; S and I are modified, nothing else is.
@@ -559,44 +697,15 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
     settled = (mode & SETTLED) != 0 and (mode & WARM) != 0
     if settled and solve_settled(A, d, lower, upper, row_id, S, I, ROUNDING):
         return
-    for i in range(DIRECTIONS, FLOPS + 1):
-        I[COUNTS, i] = 0
-    if not mode & WARM:  # a new workspace holds anything
-        I[COUNTS, OLD_K] = I[COUNTS, OLD_ORDER] = -1
-        I[COUNTS, AGE] = 0
-    warm = (mode & WARM) != 0 and I[COUNTS, OLD_K] >= 0
-    fresh = (mode & TODAYS_QR) != 0
+    warm, fresh = reset(I, mode), (mode & TODAYS_QR) != 0
     mp = (m + LANES - 1) // LANES * LANES
     lay_out(A, d, lower, upper, S, mp)
     if warm:
         map_rows(row_id, I, k)
     if eps0 < 0:
-        take_gradient(S, mp, k, MOMENTUM)
-        eps0 = 0.0
-        for j in range(k):
-            eps0 = max(eps0, 1e-9 * abs(S[GRADIENT, j]))
+        eps0 = default_accuracy(S, mp, k)
     w = extrapolation(S[REALS]) if warm and mode & EXTRAPOLATED else 0.0
-    f = start(S, I, k, warm, (mode & OWN_SET) != 0, w)  # 1.
-    I[COUNTS, AGE] += 1
-    age = 0  # of the R that this QP begins with, 0 where that is today's
-    carried = -1
-    I[COUNTS, ORDER] = k
-    if not fresh and I[COUNTS, OLD_ORDER] < 0:
-        forget(I[COUNTS], S[REALS])
-    if warm and not fresh and not (mode & OWN_SET) and I[COUNTS, OLD_ORDER] >= 0:
-        interval = I[COUNTS, INTERVAL] if mode & CUSTOM else 0
-        due = I[COUNTS, DUE] != 0 if interval == 0 else I[COUNTS, AGE] >= interval
-        if not due:
-            age = I[COUNTS, AGE]
-            carried = carry_R(S, I, m, mp, f)
-            if carried < 0:
-                f = start(S, I, k, warm, False, w)
-    if carried >= 0:
-        f = carried
-    else:
-        f = factorize(S, I, m, mp, f, 0)
-        if not fresh:
-            keep_R(S, I, f)
+    f, age = begin(S, I, m, mp, k, mode, warm, w)  # 1.
     _, rounding = take_residual(S, mp, k)  # 2.
     I[COUNTS, FLOPS] += product_flops(m, k)
     passes = 50 + 20 * k
@@ -609,11 +718,7 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
     while True:
         take_gradient(S, mp, k, RESIDUAL)  # 7., and the right-hand side of 3.
         I[COUNTS, FLOPS] += product_flops(m, k)
-        slope = 0.0
-        for c in range(f):
-            slope += S[GRADIENT, I[F, c]] ** 2
-        slope = sqrt(slope)
-        aim = rounding
+        slope, aim = slope_of(S, I, f), rounding
         if not fresh:
             aim = max(SHARE * eps0 / S[REALS, INVERSE_NORM], rounding)  # (3.20)
         # a slope that refinement does not halve is rounding
@@ -624,36 +729,10 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
             passes -= 1
             if refining == inf:
                 I[COUNTS, DIRECTIONS] += 1
-            if not fresh:  # 3.
-                f, found = direction_by_cg(S, I, m, mp, f, 0.5 * aim, mode)
-                if not found:
-                    f, fresh = factorize(S, I, m, mp, f, 0), True
-            if fresh:
-                direction_by_Q(S, mp, f)
-                I[COUNTS, FLOPS] += 2 * product_flops(m, f) + triangular_flops(f)
-            theta = ratio_test(S, I, f)  # 4.
-            reached = take_step(S, I, f, theta)  # 5.
-            moved, rounding = take_residual(S, mp, k)
-            I[COUNTS, FLOPS] += product_flops(m, k)
-            refining = slope if theta == 1.0 else inf
-            if moved > rounding:
-                for j in range(k):
-                    I[MARK, j] = 0
-            if reached > 0:  # 6.
-                f = drop_reached(S, I, m, mp, f, fresh, (mode & SCRATCH) != 0)
-                for j in range(k):
-                    I[MARK, j] &= ~DISMISSED
-                refining = inf
+            f, fresh, theta, reached, rounding = descend(S, I, m, mp, k, f, fresh, aim, mode)
+            refining = slope if theta == 1.0 and reached == 0 else inf
             continue
-        left, worst, entering = slope, 0.0, -1  # 8.
-        for c in range(f):
-            I[MARK, I[F, c]] |= NOW_IN_F
-        for j in range(k):
-            wrong = wrong_sign(S, j)
-            left = max(left, wrong)
-            if wrong > worst and not I[MARK, j] & (BOUNCED | DISMISSED | NOW_IN_F):
-                worst, entering = wrong, j
-            I[MARK, j] &= ~NOW_IN_F
+        left, worst, entering = most_wrong(S, I, k, f, slope)  # 8.
         if worst <= rounding:  # 9.
             S[REALS, WRONG] = left
             exact = fresh and (refining < inf or f == 0)
@@ -673,33 +752,11 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
         if passes <= 0:
             break
         passes -= 1
-        I[COUNTS, ORDER] = f
-        done, fresh = append_column(S, I, m, mp, f, entering, fresh, SHARE * eps0, rounding)
-        f = I[COUNTS, ORDER]
-        if done:
-            f += 1
-            if not fresh:
-                S[REALS, INVERSE_NORM] = S[REALS, GROWN_NORM]
-            if fresh and mode & SCRATCH:
-                f = factorize(S, I, m, mp, f, 0)
-            I[MARK, entering] |= ENTERED
-            I[COUNTS, CHANGES] += 1
+        f, fresh, entered = enter(S, I, m, mp, f, entering, fresh, eps0, rounding, mode)
+        if entered:
             refining = inf
-        else:
-            I[MARK, entering] |= DISMISSED
 
-    I[COUNTS, OLD_ORDER] = -1
-    if not mode & TODAYS_QR:
-        if fresh:
-            keep_R(S, I, f)
-        I[COUNTS, OLD_ORDER] = f
-        I[COUNTS, DUE] = 0
-        if mode & ONLINE:
-            S[REALS, FACTORIZATION_COST] = qr_flops(m, f)
-            cost = cg_iteration_flops(m, f) * I[COUNTS, CG_ITERATIONS]
-            factorized = I[COUNTS, FACTORIZATIONS] > 0
-            given_up = age if factorized else 0
-            keep_account(I[COUNTS], S[REALS], factorized, given_up, cost, I[COUNTS, DIRECTIONS])
+    remember_R(S, I, m, f, fresh, age, mode)
     I[COUNTS, STATUS] = status
     if mode & EXTRAPOLATED:
         remember_before(S, BEFORE, X, P, S[REALS], I[PREVIOUS], k, warm)

@@ -134,7 +134,9 @@ def solved(made: Collision, perturbation: int, keep: bool = False) -> Outcome:
     stepper.start()
     rng = np.random.default_rng([perturbation, 3])
     off = PERTURBATION * (perturbation > 0)
-    hit = Assembly(stepper.graph, stepper.q + off * rng.standard_normal(stepper.q.size))
+    hit = Assembly(
+        stepper.system.graph, stepper.system.q + off * rng.standard_normal(stepper.system.q.size)
+    )
     v = made.v * (1 + off * rng.standard_normal(made.v.size))
     asked: list[int] = []
     ask = newton_coulomb.coulomb_multipliers
@@ -149,7 +151,7 @@ def solved(made: Collision, perturbation: int, keep: bool = False) -> Outcome:
         after, lam = solve_impulse(
             QPSequence(make_solver("lotstedt"), keep=keep),
             hit,
-            stepper.D,
+            stepper.system.D,
             made.scene.mu_I,
             v,
             np.zeros_like(v),
@@ -159,7 +161,7 @@ def solved(made: Collision, perturbation: int, keep: bool = False) -> Outcome:
     finally:
         newton_coulomb.coulomb_multipliers = ask
     spent = time.process_time() - begin
-    violations = violated(hit, stepper.D, made.scene.mu_I, v, after, lam)
+    violations = violated(hit, stepper.system.D, made.scene.mu_I, v, after, lam)
     return Outcome(len(hit.normals), violations, bool(asked), spent)
 
 

@@ -21,12 +21,13 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from glambda.cli import app
+from glambda.cli import app, simulation
 from glambda.cli.app import told
 from harness.recordings.recording import read_recording, write_recording
 from harness.results.store import read_results
+from harness.study import expected_misses, study, verify
 from harness.study.expected_misses import Expected
-from harness.study.study import expected_misses, study, verify
+from reports.sections import protocol
 from solvers import make_solver, registry
 from tests.fakes.crooked import CROOKED
 from tests.fakes.fake_recordings import fake_recording
@@ -85,6 +86,10 @@ def test_scenes_and_solvers() -> None:
     assert all(name in listed for name in study.PAPER_SCENES) and "mu_I=" in listed
     listed = glambda("solvers").stdout
     assert "lotstedt*" in listed and "working set" in listed
+
+
+def test_a_report_knows_how_a_scene_may_be_run() -> None:
+    assert tuple(simulation.RUN_OPTIONS) == protocol.RUN_OPTIONS
 
 
 def test_absent_solvers_are_listed_with_their_reason(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -29,8 +29,8 @@ HEAVY = (
 )
 """Optional or slow packages, which load where they are used."""
 
-KNOWN = {"qp", "qp_kernel", "kernels"}
-"""Modules of `problems` that a solver may know: the QP, and how kernels are compiled."""
+KNOWN = {"qp", "qp_kernel", "kernels", "registry"}
+"""Modules of `problems` that a solver may know: the QP, how kernels are compiled, names."""
 
 FILES = sorted(path for package in MAY_IMPORT for path in (ROOT / package).rglob("*.py"))
 
@@ -43,7 +43,10 @@ def imported(path: Path) -> set[str]:
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import"
-            names.add(node.module or "")
+            module = node.module or ""
+            folder = ROOT.joinpath(*module.split("."))
+            files = {alias.name for alias in node.names if (folder / f"{alias.name}.py").is_file()}
+            names |= {f"{module}.{name}" for name in files} or {module}
     return names
 
 

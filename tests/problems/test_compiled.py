@@ -7,6 +7,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+from problems.kernels.compiled import SOURCES
+from problems.kernels.numba_internals import known
+from problems.kernels.sources import defining, sources
+
 KERNELS = """
 import os, sys
 from pathlib import Path
@@ -61,3 +67,49 @@ def test_a_kernel_calls_its_own_copies_of_other_kernels(tmp_path: Path) -> None:
     again, hits = lines("cached")
     assert int(copies) == int(own) > 0
     assert again == compiled and hits == "1"
+
+
+ELSEWHERE = """
+import numba
+numba.__version__ = "0.99.0"
+from pathlib import Path
+import numpy as np
+from problems.kernels.compiled import kernel_decorator
+from problems.kernels.numba_internals import LOST, in_rows, lent, read_only
+
+@kernel_decorator([Path(__file__)])
+def total(pair):
+    x, y = lent(pair)
+    return (read_only(in_rows(x, 2, 3)) @ y).sum()
+
+print(total((np.arange(6.0), np.ones(3))))
+assert "0.99.0" in LOST and "longer" in LOST
+"""
+
+
+def test_another_numba_is_done_without_its_insides(tmp_path: Path) -> None:
+    script = tmp_path / "elsewhere.py"
+    script.write_text(ELSEWHERE)
+    apart = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
+    run = [sys.executable, str(script)]
+    done = subprocess.run(run, capture_output=True, text=True, check=True, env=apart)
+    assert done.stdout.split() == ["15.0"] and "0.99.0" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("version", "inside"),
+    [("0.61.0", True), ("0.68.1", True), ("0.60.0", False), ("0.69.0rc1", False), ("1.0", False)],
+)
+def test_versions_whose_insides_are_known(version: str, inside: bool) -> None:
+    assert known(version) is inside
+
+
+def test_sources_are_the_files_that_kernels_rest_on() -> None:
+    """Those that define kernels, and what they import, on and on; the stepper is none of them."""
+    names = {str(path.relative_to(path.parents[2])) for path in SOURCES if "problems" in path.parts}
+    for name in ("friction/kernels.py", "formulas/multistep.py", "stepping/quiet_records.py"):
+        assert any(found.endswith(name) for found in names), name
+    assert not any(found.endswith("stepping/stepper.py") for found in names)
+    folder = Path(__file__).parents[2] / "problems"
+    assert set(defining(folder, "\n@kernel\n")) <= set(SOURCES)
+    assert sources([folder / "sequence.py"], []) == [folder / "sequence.py"]

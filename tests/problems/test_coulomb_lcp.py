@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from problems import scene, simulate
 from problems.contacts.assembly import Assembly
+from problems.friction import newton_coulomb
 from problems.friction.coulomb_lcp import coulomb_multipliers, lemke
-from problems.friction.rules import newton_coulomb
 from problems.stepping.options import StepperOptions
 from problems.stepping.stepper import Stepper
 from solvers import make_solver
@@ -95,13 +95,13 @@ def test_large_sparse_columns_are_taken_too(monkeypatch):
         StepperOptions(1e-3, 1e-3, rest_speed=1e-3),
     )
     stepper.start()
-    d = stepper.D * np.tile([0.3, -1.0, 0.0], 30)
+    d = stepper.system.D * np.tile([0.3, -1.0, 0.0], 30)
     answers = []
     for most in (0, 10**9):
         monkeypatch.setattr("problems.contacts.assembly.DENSE_ENTRIES", most)
-        hit = Assembly(stepper.graph, stepper.q)
-        assert sp.issparse(hit.scaled(np.arange(1), np.arange(0), stepper.D)) == (most == 0)
-        answers.append(coulomb_multipliers(hit, stepper.D, d))
+        hit = Assembly(stepper.system.graph, stepper.system.q)
+        assert sp.issparse(hit.scaled(np.arange(1), np.arange(0), stepper.system.D)) == (most == 0)
+        answers.append(coulomb_multipliers(hit, stepper.system.D, d))
     assert answers[0] is not None and answers[0][0].sum() > 0
     for one, other in zip(*answers, strict=True):
         np.testing.assert_array_equal(one, other)
@@ -116,8 +116,8 @@ def test_contacts_of_very_different_masses_are_solved(seed):
         StepperOptions(1e-3, 1e-3, rest_speed=1e-3),
     )
     stepper.start()
-    hit, rng = Assembly(stepper.graph, stepper.q), np.random.default_rng(seed)
-    D = stepper.D * np.repeat(10.0 ** rng.uniform(-1.5, 1.5, 12), 3)
+    hit, rng = Assembly(stepper.system.graph, stepper.system.q), np.random.default_rng(seed)
+    D = stepper.system.D * np.repeat(10.0 ** rng.uniform(-1.5, 1.5, 12), 3)
     assert coulomb_multipliers(hit, D, D * rng.standard_normal(36)) is not None
 
 

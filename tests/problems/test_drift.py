@@ -70,13 +70,15 @@ def test_baumgarte_gaps_decay_in_its_time():
     made = scene("fig2", boxes=1, velocity=0.0, pushed=1)
     stepper = Stepper(made, make_solver("lotstedt"), options)
     stepper.start()
-    stepper.q[1] += 1e-5
+    stepper.system.q[1] += 1e-5
     stepper.advance(1.0)
-    (t0, q0), start = (stepper.t, stepper.q[1] - 0.5), 1e-5
+    (t0, q0), start = (stepper.system.t, stepper.system.q[1] - 0.5), 1e-5
     assert 0 < q0 < 1.01 * start
-    while stepper.t < 0.2:
+    while stepper.system.t < 0.2:
         stepper.advance(1.0)
-    assert stepper.q[1] - 0.5 == pytest.approx(q0 * np.exp(-(stepper.t - t0) / tau), rel=0.02)
+    assert stepper.system.q[1] - 0.5 == pytest.approx(
+        q0 * np.exp(-(stepper.system.t - t0) / tau), rel=0.02
+    )
 
 
 def test_a_gap_that_baumgarte_closes_is_no_wrong_answer():
@@ -87,11 +89,11 @@ def test_a_gap_that_baumgarte_closes_is_no_wrong_answer():
     made = scene("fig2", boxes=1, velocity=0.0, pushed=1)
     stepper = Stepper(made, make_solver("lotstedt"), options)
     stepper.start()
-    stepper.q[1] += 3e-4
-    stepper.history.restart(np.array([0.0, -0.03, 0.0]))
+    stepper.system.q[1] += 3e-4
+    stepper.system.history.restart(np.array([0.0, -0.03, 0.0]))
     stepper.advance(1.0)
-    assert len(stepper.graph.normals) == 2
-    stepper.history.restart(np.array([0.0, -0.3, 0.0]))
+    assert len(stepper.system.graph.normals) == 2
+    stepper.system.history.restart(np.array([0.0, -0.3, 0.0]))
     with pytest.raises(SimulationError, match="approaches at"):
         stepper.advance(1.0)
 

@@ -26,7 +26,7 @@ def started(made) -> Stepper:
 
 
 def contacts_of(made) -> int:
-    return len(started(made).graph.normals)
+    return len(started(made).system.graph.normals)
 
 
 def deepest(made) -> float:
@@ -151,8 +151,8 @@ def test_a_leaning_tower_with_friction_tips_slowly_as_one():
 def test_every_body_of_a_heap_touches_what_is_under_it():
     made = scene("heap", bodies=60, seed=1)
     stepper = started(made)
-    assert len(stepper.graph.normals) >= 80
-    assert all(stepper.graph.of_body.get(body) for body in range(60))
+    assert len(stepper.system.graph.normals) >= 80
+    assert all(stepper.system.graph.of_body.get(body) for body in range(60))
     gaps = Geometry(made.bodies, made.ground)
     pose = gaps.pose(made.q0.ravel())
     assert pose.corners[:, 1].min() > -TOUCH_TOL
@@ -202,8 +202,8 @@ def test_more_trials_than_one_are_what_makes_a_heap_dense():
 def test_a_large_one_is_built_and_its_first_qp_posed(name):
     made = scene(name, bodies=400, mu=0.3)
     stepper = started(made)
-    assert len(stepper.graph.normals) >= 400
-    assert len(stepper.graph.frictions) >= 350
+    assert len(stepper.system.graph.normals) >= 400
+    assert len(stepper.system.graph.frictions) >= 350
 
 
 @pytest.mark.parametrize(

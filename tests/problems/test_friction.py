@@ -63,8 +63,8 @@ def test_another_pass_would_change_less_than_was_asked(monkeypatch):
     """‖δq̇‖_M ≤ 0.1 ε (3.14) if sliding forces were those of the λ_N that they led to."""
     left, solve = [], VelocityEquations.solve
 
-    def solved(self, qps, assembly, history, q, t, h, signs, known):
-        step = solve(self, qps, assembly, history, q, t, h, signs, known)
+    def solved(self, qps, assembly, history, interval, signs, known):
+        step, h = solve(self, qps, assembly, history, interval, signs, known), interval.h
         if step.settled and known != STUCK and signs.any():
             off = np.where(signs != 0, signs * assembly.bound(step.lam_N) - step.lam_F, 0.0)
             push = assembly.friction_force(off) / self.D**2
@@ -122,11 +122,14 @@ def sliding_box(gain):
     scene = leaning_box(mu=1.0, speed=speed)
     stepper = Stepper(scene, make_solver("lotstedt"), StepperOptions(1e-3, 1e-3, rest_speed=1.0))
     stepper.start()
-    assembly = Assembly(stepper.graph, stepper.q)
-    A = np.column_stack([assembly.G_N.toarray(), assembly.G_F.toarray()]) / stepper.D[:, None]
+    assembly = Assembly(stepper.system.graph, stepper.system.q)
+    A = (
+        np.column_stack([assembly.G_N.toarray(), assembly.G_F.toarray()])
+        / stepper.system.D[:, None]
+    )
     sign = -np.sign(speed)
     assembly.mu[:] = gain / (-sign * (A[:, 0] @ A[:, 1]) / (A[:, 0] @ A[:, 0]))
-    return assembly, stepper.D, np.array([sign])
+    return assembly, stepper.system.D, np.array([sign])
 
 
 @pytest.mark.parametrize("gain", [-0.9, -1.5, -20.0, 0.6])

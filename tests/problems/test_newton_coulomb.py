@@ -37,7 +37,7 @@ def after_collision(made: Scene, rule: str, solver: SolvesQPs) -> tuple[np.ndarr
     options = StepperOptions(1e-3, 1e-3, rest_speed=1e-3, impulses=rule)  # type: ignore[arg-type]
     stepper = Stepper(made, solver, options)
     stepper.start()
-    return stepper.history.v, Assembly(stepper.graph, stepper.q)
+    return stepper.system.history.v, Assembly(stepper.system.graph, stepper.system.q)
 
 
 @pytest.mark.parametrize("vx", [-3.0, -0.2, 0.0, 0.5, 3.0])

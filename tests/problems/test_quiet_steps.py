@@ -12,10 +12,9 @@ from problems.bodies.bodies import box, polygon_body
 from problems.bodies.forces import Load
 from problems.bodies.shapes import box_corners
 from problems.contacts.geometry import HalfPlane
-from problems.friction.rules import newton_coulomb
+from problems.friction import newton_coulomb
 from problems.least_norm import minimum_norm
 from problems.stepping import quiet
-from problems.stepping.quiet_records import TAKEN
 from problems.stepping.stepper import Stepper, StepperOptions
 from solvers import make_solver
 
@@ -90,7 +89,7 @@ def test_most_steps_are_left_to_the_solver(name, until, monkeypatch):
     monkeypatch.setattr(
         stepper.Stepper,
         "_try_velocity",
-        lambda self, *args: alone.append(self.t) or advance(self, *args),
+        lambda self, *args: alone.append(self.system.t) or advance(self, *args),
     )
     run = simulate(scene(name), make_solver("lotstedt"), until=until, keep_qps=False)
     assert len(alone) < 0.1 * run.counts["steps"]
@@ -102,7 +101,7 @@ def test_the_solver_is_not_asked_where_it_is_known_to_take_no_steps(name, in_vai
 
     def watched(run, *method):
         take(run, *method)
-        taken.append(int(run.counts[TAKEN]))
+        taken.append(int(run.tally[0]["taken"]))
 
     monkeypatch.setattr(quiet, "run_quiet_steps", watched)
     simulate(scene(name), make_solver("lotstedt"), until=0.7, keep_qps=False)
@@ -141,11 +140,11 @@ def test_contacts_leave_and_slip_within_compiled_steps(name, kinds, monkeypatch)
     inside, follow = [], Stepper._after_quiet_steps
 
     def watched(self, taken, last):
-        inside.extend(event.kind for event in self.event_log[len(seen) :])
+        inside.extend(event.kind for event in self.system.event_log[len(seen) :])
         follow(self, taken, last)
 
     def stepped(self, end):
-        seen[:] = self.event_log
+        seen[:] = self.system.event_log
         advance(self, end)
 
     seen, advance = [], Stepper.advance
@@ -239,11 +238,11 @@ def test_a_rest_that_has_ended_is_forgotten():
     options = StepperOptions.of(sliding.eps)
     stepper = Stepper(sliding, make_solver("lotstedt"), options, keep_qps=False)
     stepper.start()
-    stepper.rest_since = -1.0
+    stepper.system.rest_since = -1.0
     stepper.advance(1.0)
-    assert stepper.counts["steps"] > 1
-    assert [event.kind for event in stepper.event_log] == ["rest"]
-    assert stepper.rest_since == stepper.t
+    assert stepper.system.counts["steps"] > 1
+    assert [event.kind for event in stepper.system.event_log] == ["rest"]
+    assert stepper.system.rest_since == stepper.system.t
 
 
 def test_a_corner_that_left_sunk_comes_back_to_the_edge():
@@ -252,11 +251,11 @@ def test_a_corner_that_left_sunk_comes_back_to_the_edge():
     sunk = replace(fig4, q0=fig4.q0 - [0.0, 1e-5, 0.0])
     stepper = Stepper(sunk, make_solver("lotstedt"), StepperOptions.of(1e-4), keep_qps=False)
     stepper.start()
-    assert stepper.graph.candidates.levels()
+    assert stepper.system.graph.candidates.levels()
     stepper.advance(0.1)
-    assert stepper.t == 0.1
-    assert [event.kind for event in stepper.event_log].count("drop") == 2
-    candidates = stepper.graph.candidates
-    pose = stepper.graph.geometry.pose(stepper.q)
-    clearance = stepper.graph.geometry.clearance(pose, candidates.corner, candidates.part)
+    assert stepper.system.t == 0.1
+    assert [event.kind for event in stepper.system.event_log].count("drop") == 2
+    candidates = stepper.system.graph.candidates
+    pose = stepper.system.graph.geometry.pose(stepper.system.q)
+    clearance = stepper.system.graph.geometry.clearance(pose, candidates.corner, candidates.part)
     assert not candidates.level[clearance > 1e-3].any()

@@ -94,9 +94,10 @@ def pairs(geometry):
 
 def arrival(geometry, q, velocity, curvature, h, places, level=0.0):
     corner, part = pairs(geometry)
+    candidates = corner, part, np.full(corner.size, level), np.ones(corner.size, bool)
+    path = q, velocity, curvature
     return arrive(
-        *(q, velocity, curvature, h, np.zeros_like(q), geometry.radius, corner, part),
-        *(np.full(corner.size, level), np.ones(corner.size, bool), places, *geometry.tables),
+        *(path, h, np.zeros_like(q), candidates, places, geometry.radius, geometry.tables)
     )
 
 

@@ -541,8 +541,8 @@ def test_everything_that_was_posed_is_kept():
 
 
 def test_the_kinds_of_event_that_are_listed_are_those_that_are_logged():
-    sources = Path(__file__).parents[2].joinpath("problems").glob("*.py")
-    logged = (re.findall(r'_log\(\s*"(\w+)"', source.read_text("utf-8")) for source in sources)
+    sources = Path(__file__).parents[2].joinpath("problems").rglob("*.py")
+    logged = (re.findall(r'\.log\(\s*"(\w+)"', source.read_text("utf-8")) for source in sources)
     assert {kind for kinds in logged for kind in kinds} == set(EVENT_KINDS)
     assert {event.kind for event in scene_run("fig4").event_log} <= set(EVENT_KINDS)
 

@@ -135,7 +135,7 @@ def test_every_arm_has_its_place() -> None:
 
 def test_ratios_are_those_to_the_own_cold_twin() -> None:
     tables = starts_tables(results_of(start_rows()))
-    assert [table.name for table in tables] == ["starts", "starts_fig2", "starts_fig4"]
+    assert [table.key["scene"] for table in tables] == ["all", "fig2", "fig4"]
     data = tables[0].data.set_index(["solver", "arm"])
     for arm, speed in SPEED.items():
         if arm != "cold":
@@ -345,6 +345,6 @@ def test_what_accuracy_costs_in_words_and_pictures(tmp_path: Path) -> None:
     assert "For 1.0e-12 lotstedt is the fastest, 10.0 µs; nobody else reaches it" in text
     assert "It more than doubles for osqp (10.0)" in text
     assert "Asked for 1e-9, daqp does not come within ten times of it" in text
-    assert [table.name for table in pareto_tables(results)] == ["pareto_cold", "pareto_warm"]
+    assert [table.key for table in pareto_tables(results)] == [{"arm": "cold"}, {"arm": "warm"}]
     for scene in (ALL, "fig4"):
         assert plot_pareto(results, scene, tmp_path / "it.png").stat().st_size > 5000

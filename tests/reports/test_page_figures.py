@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from reports.page.page import page_figures
+from reports.page import page_figures
 from reports.page.page_figures import COLOURS, PageFigures
 from reports.parts.style import BLUE, DPI, INK, PAPER, drawing, save
 

@@ -22,7 +22,7 @@ from reports.page.page import prose, report, unflattering, write_report
 from reports.parts.intervals import geometric_mean
 from reports.parts.sentences import join, ordinal
 from reports.parts.style import drawing, in_letters, save
-from reports.parts.table import microseconds, percent, short
+from reports.parts.table import LONGEST, microseconds, percent, short
 from reports.rows.comparison import compare, shifted_geometric_mean
 from reports.rows.results import KEY, Results, empty_rows, load_results, prepare
 from reports.sections.figures import plot_accuracy, plot_cost, plot_profiles
@@ -664,6 +664,32 @@ def test_page_stands_alone_and_is_the_same_twice(tmp_path, study):
     assert anchors <= set(names)
 
 
+def test_a_table_is_written_once_with_a_column_of_what_was_set(tmp_path, study):
+    report(study, tmp_path)
+    assert {path.suffix for path in (tmp_path / "tables").iterdir()} == {".csv"}
+    written = pd.read_csv(tmp_path / "tables" / "cost.csv")
+    assert written.columns[0] == "setting" and {*written["setting"]} == {*study.settings}
+    for setting, part in written.groupby("setting"):
+        made = cost_table(study, setting).data["cold median"]
+        assert part["cold median"].to_numpy() == pytest.approx(made.to_numpy(), nan_ok=True)
+
+
+def test_findings_name_the_files_of_the_numbers(tmp_path, study):
+    report(study, tmp_path)
+    text = (tmp_path / "findings.md").read_text(encoding="utf-8")
+    linked = {tmp_path / name for name in re.findall(r"\]\(([^)]+)\)", text)}
+    assert linked == {tmp_path / "index.html", *(tmp_path / "tables").iterdir()}
+    assert "## Which method?" in text and "On fig4 (warm, high) daqp is" in text
+    assert "[cost](tables/cost.csv): Time per QP in µs, by setting." in text
+
+
+def test_a_long_table_is_named_in_markdown_and_not_shown(study):
+    table = scene_table(study)
+    long = replace(table, data=pd.concat([table.data] * LONGEST, ignore_index=True))
+    assert "|" in table.to_markdown() and "[scenes.csv](scenes.csv)" not in table.to_markdown()
+    assert "|" not in long.to_markdown() and "[scenes.csv](scenes.csv)" in long.to_markdown()
+
+
 def test_page_says_where_the_method_loses(tmp_path, study):
     page = report(study, tmp_path).read_text(encoding="utf-8")
     section = page[page.index('id="unflattering"') :]
@@ -774,7 +800,7 @@ def test_names_are_drawn_as_they_are_and_obeyed_nowhere(tmp_path):
     rows = make_rows(scenes=(ODD,), solvers=("lotstedt", "$\\frac{", "daqp"))
     rows["versions"] = "\x1b[31m1.0\u202e"
     page = report(results_of(rows, {ODD: make_recording(ODD)}), tmp_path)
-    for path in (page, *tmp_path.glob("tables/*")):
+    for path in (page, tmp_path / "findings.md", *tmp_path.glob("tables/*")):
         text = path.read_text()
         assert "\x1b" not in text and "\u202e" not in text, path
     assert "\\x1b[31m1.0" in page.read_text()

@@ -222,7 +222,7 @@ def test_what_is_lent_is_the_same_and_is_let_go():
 
     import numba
 
-    from problems.kernels.compiled import lent
+    from problems.kernels.numba_internals import lent
 
     class Pair(NamedTuple):
         one: np.ndarray
@@ -244,7 +244,7 @@ def test_what_is_lent_is_the_same_and_is_let_go():
 def test_memory_seen_otherwise_is_the_same_memory():
     import numba
 
-    from problems.kernels.compiled import in_rows, read_only
+    from problems.kernels.numba_internals import in_rows, read_only
 
     @numba.njit
     def seen(vector):

@@ -25,9 +25,10 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
+from problems.kernels.numba_internals import lent
 from problems.qp import AT_LOWER, AT_UPPER, FREE, PASSIVE
 from problems.qp_kernel import WARM
-from solvers.active_set.compiled import kernel, lent
+from solvers.active_set.compiled import kernel
 from solvers.active_set.loop import (
     BOUNCED,
     CUSTOM,

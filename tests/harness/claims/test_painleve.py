@@ -97,7 +97,7 @@ def test_the_largest_gain_is_an_eigenvalue_of_the_slope(monkeypatch, entries: in
         StepperOptions(1e-3, 1e-3, rest_speed=1.0),
     )
     stepper.start()
-    assembly, D = Assembly(stepper.graph, stepper.q), stepper.D
+    assembly, D = Assembly(stepper.system.graph, stepper.system.q), stepper.system.D
     n, f = len(assembly.normals), len(assembly.frictions)
     rng = np.random.default_rng(4)
     sigma = rng.integers(-1, 2, f).astype(float)

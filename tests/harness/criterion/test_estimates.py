@@ -13,8 +13,8 @@ import pytest
 from typer.testing import CliRunner
 
 from glambda.cli import app
+from harness.criterion import accuracy, enumeration_growth, estimates
 from harness.criterion.accuracy import SAFETY, SOLVERS, STARTS, accuracy_of, shake
-from harness.criterion.criterion import accuracy, enumeration_growth, estimates
 from harness.criterion.enumeration_growth import (
     fit_base,
     loses_from,

@@ -9,7 +9,7 @@ from math import inf
 import numpy as np
 import pytest
 
-from harness.criterion.criterion import minimum_norm_ways as ways_module
+from harness.criterion import minimum_norm_ways as ways_module
 from harness.criterion.examination import Examination
 from harness.criterion.least_norm import decompose, least_norm, project
 from harness.criterion.minimum_norm_ways import (

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.results.time_ratios import LEAST_SPREAD, Run, TimeRatios, time_ratios
+from harness.results.time_ratios import LEAST_SPREAD, ComparedRun, TimeRatios, time_ratios
 
 SOLVERS = ("lotstedt", "lotstedt[exact_qr]", "daqp", "osqp", "piqp")
 PLACES = (("fig4", "high"), ("fig4", "paper"))
@@ -39,7 +39,7 @@ def compared(seed: int, slower: dict[str, float] | None = None, **how: float) ->
     before, after = study(rng, **how), study(rng, **how)
     return time_ratios(
         [
-            Run(
+            ComparedRun(
                 name, place, before[name, place, arm], times * factors.get(name, factors.get("", 1))
             )
             for (name, place, arm), times in after.items()
@@ -97,7 +97,7 @@ def test_two_packages_cannot_be_told_from_the_machine() -> None:
     rng = np.random.default_rng(0)
     before, after = study(rng), study(rng)
     runs = [
-        Run(name, place, before[name, place, arm], 1.3 * times)
+        ComparedRun(name, place, before[name, place, arm], 1.3 * times)
         for (name, place, arm), times in after.items()
         if name in ("daqp", "osqp")
     ]
@@ -115,7 +115,7 @@ def test_how_far_processes_lie_apart_is_seen() -> None:
 
 def test_the_same_times_have_the_ratio_one_and_the_same_answer() -> None:
     times = study(np.random.default_rng(0))
-    runs = [Run(name, place, t, t) for (name, place, _), t in times.items()]
+    runs = [ComparedRun(name, place, t, t) for (name, place, _), t in times.items()]
     first, second = time_ratios(runs), time_ratios(runs)
     assert first == second
     assert all(ratio.ratio == 1.0 for ratio in first.runs)
@@ -123,7 +123,7 @@ def test_the_same_times_have_the_ratio_one_and_the_same_answer() -> None:
 
 def test_times_that_are_missing_are_left_out() -> None:
     times = study(np.random.default_rng(0))
-    runs = [Run(name, place, t, t) for (name, place, _), t in times.items()]
+    runs = [ComparedRun(name, place, t, t) for (name, place, _), t in times.items()]
     holes = runs[0].after.copy()
     holes[0, 5:] = np.nan  # five QPs are left
     zero = np.zeros_like(holes)
@@ -142,6 +142,7 @@ def test_one_pass_and_different_numbers_of_passes_are_compared() -> None:
     rng = np.random.default_rng(2)
     before, after = study(rng, passes=1), study(rng, passes=4)
     runs = [
-        Run(name, place, before[name, place, arm], t) for (name, place, arm), t in after.items()
+        ComparedRun(name, place, before[name, place, arm], t)
+        for (name, place, arm), t in after.items()
     ]
     assert not any(ratio.slower for ratio in time_ratios(runs).solvers.values())

@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 
 from glambda.cli import app
 from harness.recordings.recording import write_recording
+from harness.study import check
 from harness.study.check import check_recording, check_scene, check_solver, odd_qps
 from harness.study.record import record
-from harness.study.study import check
 from problems import scene as make_scene
 from solvers import registry
 from tests.endurance.forged_recordings import forge

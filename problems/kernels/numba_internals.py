@@ -1,0 +1,141 @@
+"""What numba does not promise to its users, all of it here; with other versions it is done without.
+
+Two things rest on how numba 0.61 to 0.68 works inside.  Where another version runs, `LOST` says
+what is lost; everything else is the same.
+
+1. `OwnCopies`: bit for bit the same results from a run that compiles and one from the cache.
+2. `lent`: no counting of who holds an array, up to three quarters of the time of a step.
+
+`read_only` and `in_rows` are made with numba's interface for extensions.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+from llvmlite.binding import Linkage
+from numba.core import cgutils, types
+from numba.core.codegen import JITCodeLibrary
+from numba.core.imputils import impl_ret_borrowed
+from numba.core.registry import cpu_target
+from numba.extending import intrinsic
+from numba.np.arrayobj import populate_array
+
+TRIED = (0, 61), (0, 68)
+"""The first and the last version whose insides are known."""
+
+
+def known(version: str) -> bool:
+    """Whether numba's insides are those that were tried; also where they have been renamed."""
+    number = tuple(int(part) for part in version.split(".")[:2])
+    hooks = hasattr(JITCodeLibrary, "_finalize_final_module") and hasattr(
+        cpu_target.target_context.codegen(), "_library_class"
+    )
+    return TRIED[0] <= number <= TRIED[1] and hooks
+
+
+KNOWN = known(numba.__version__)
+LOST = (
+    ""
+    if KNOWN
+    else f"numba {numba.__version__} works inside as none that was tried: compiled steps take "
+    "longer, and a run that compiles may differ in the last bits from later ones"
+)
+"""What is lost with this version, in a sentence; nothing where it is empty."""
+
+
+class OwnCopies(JITCodeLibrary):
+    """Machine code that calls its own copies of the kernels that it calls.
+
+    numba links these copies weakly.  Each has been optimized where it stands and rounds in its own
+    way, and which one runs would depend on what was loaded first: a run that compiles and the next
+    one, from the cache, would differ in the last bits.
+    """
+
+    def _finalize_final_module(self) -> None:
+        self._finalized = True  # as it is, but for the linkage: what callers link in stays weak
+        self._get_module_for_linking()
+        self._finalized = False
+        for function in self._final_module.functions:
+            if function.linkage is Linkage.linkonce_odr and not function.is_declaration:
+                function.linkage = Linkage.internal
+        super()._finalize_final_module()
+
+
+if KNOWN:
+    type(cpu_target.target_context.codegen())._library_class = OwnCopies
+
+
+def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    if isinstance(kind, types.BaseTuple):
+        members: Any = kind
+        parts = [
+            _without_owner(context, builder, members[i], part)
+            for i, part in enumerate(cgutils.unpack_tuple(builder, value))
+        ]
+        return context.make_tuple(builder, kind, parts)
+    if isinstance(kind, types.Array):
+        array = context.make_array(kind)(context, builder, value)
+        array.meminfo = cgutils.get_null_value(array.meminfo.type)
+        return array._getvalue()
+    return value
+
+
+def _lend(typingctx: Any, arrays: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return _without_owner(context, builder, signature.args[0], arguments[0])
+
+    return arrays(arrays), codegen
+
+
+def _as_it_is(arrays: Any) -> Any:
+    return arrays
+
+
+lent: Any = intrinsic(_lend) if KNOWN else numba.njit(_as_it_is)
+"""`lent(x)` in a kernel: its argument x, array or tuple of these, whose holders are not counted.
+
+Each time that compiled code takes an array out of a tuple or hands it on, it counts, atomically,
+who holds it.  The caller holds the arguments of a kernel for as long as it runs.  What is lent must
+not be returned.
+"""
+
+
+def _keep_from_writing(typingctx: Any, array: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return impl_ret_borrowed(context, builder, signature.return_type, arguments[0])
+
+    return array.copy(readonly=True)(array), codegen
+
+
+read_only: Any = intrinsic(_keep_from_writing)
+"""`read_only(x)` in a kernel: the same array, not to be written to, as a solver wants a QP."""
+
+
+def _in_rows(typingctx: Any, array: Any, rows: Any, columns: Any) -> Any:
+    kind = array.copy(ndim=2)
+
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        vector = context.make_array(array)(context, builder, arguments[0])
+        matrix = context.make_array(kind)(context, builder)
+        width = vector.itemsize
+        shape = [
+            context.cast(builder, count, given, types.intp)
+            for count, given in zip(arguments[1:], (rows, columns), strict=True)
+        ]
+        populate_array(
+            matrix,
+            data=vector.data,
+            shape=shape,
+            strides=[builder.mul(shape[1], width), width],
+            itemsize=width,
+            meminfo=vector.meminfo,
+        )
+        return impl_ret_borrowed(context, builder, kind, matrix._getvalue())
+
+    return kind(array, rows, columns), codegen
+
+
+in_rows: Any = intrinsic(_in_rows)
+"""`in_rows(x, n, m)` in a kernel: x (n m,) as (n, m), in no time."""

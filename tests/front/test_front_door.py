@@ -1,0 +1,61 @@
+"""What users write: `import glambda`, `python -m glambda`, names instead of objects."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import glambda
+
+TYPED = """
+import glambda
+
+run = glambda.simulate("fig4", until=0.1)
+reveal_type(run.counts)
+reveal_type(glambda.judge)
+glambda.simulate(4)
+"""
+
+
+def test_a_scene_and_a_solver_are_named_or_given() -> None:
+    run = glambda.simulate("fig4", until=0.05)
+    same = glambda.simulate(glambda.scene("fig4"), glambda.make_solver("lotstedt"), until=0.05)
+    other = glambda.simulate("fig4", "quadprog", until=0.05)
+    assert run.q.tobytes() == same.q.tobytes()
+    assert abs(other.q[-1] - run.q[-1]).max() < 1e-5
+    with pytest.raises(ValueError, match="unknown scene 'fig9'"):
+        glambda.simulate("fig9")
+    with pytest.raises(ValueError, match="unknown solver 'nobody'"):
+        glambda.simulate("fig4", "nobody")
+
+
+def test_a_recording_has_a_reference_of_every_qp() -> None:
+    recording = glambda.record("fig4", until=0.02)
+    assert recording.qps and None not in recording.references
+    solver = glambda.make_solver("daqp", accuracy=1e-9)
+    verdict = glambda.judge(recording.qps[0], solver.solve(recording.qps[0]).x)
+    assert verdict.verdict == "verified"
+
+
+def test_what_is_not_there_is_said() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'simulation'"):
+        glambda.simulation  # noqa: B018
+
+
+def test_the_command_is_a_module_too() -> None:
+    run = [sys.executable, "-m", "glambda", "--version"]
+    done = subprocess.run(run, capture_output=True, text=True, check=True)
+    assert done.stdout == f"glambda {glambda.__version__}\n"
+
+
+def test_a_user_s_type_checker_sees_the_types(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(TYPED)
+    run = [sys.executable, "-m", "mypy", "mine.py", "--cache-dir", str(tmp_path / "cache")]
+    said = subprocess.run(run, capture_output=True, text=True, cwd=tmp_path).stdout
+    assert re.search('Revealed type is ".*dict.*str.*int', said)
+    assert "judging.judge.Judgement" in said and 'has incompatible type "int"' in said
+    assert "untyped" not in said and "Cannot find" not in said
