@@ -1,9 +1,8 @@
 """Closed loops in processes of their own: a crash or a hang costs one loop.
 
-A process is forked from a server that has imported everything once, where the system can fork.  It
-tells how far it has come through shared memory, keeps its result itself
-(`harness.motions.loop_store`) and says nothing else; stderr goes to a file, whose last line
-explains a death.
+A process (`harness.processes.own_process`) tells how far it has come through shared memory, keeps
+its result itself (`harness.motions.loop_store`) and says nothing else; its last words explain a
+death.
 """
 
 from __future__ import annotations
