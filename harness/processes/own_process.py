@@ -9,9 +9,9 @@ A crash or a hang then costs what the process did, and no more.  All of ours sha
 2. `Words`.  The last lines in that file explain a death.
 3. `kill_family`.  Whatever it has forked ends with it.
 
-Closed loops and peers use `OwnProcess`, a child of multiprocessing's fork server, which has
-imported once what they need.  A replay's processes share a recording besides, which their own
-server has read (`harness.processes.forkserver`).
+Closed loops and peers use `OwnProcess`: multiprocessing's fork server, which has imported once what
+they need, starts a guard, which forks the process itself and ends with it.  A replay's processes
+share a recording besides, which their own server has read (`harness.processes.forkserver`).
 """
 
 from __future__ import annotations
@@ -22,9 +22,10 @@ import multiprocessing as mp
 import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import psutil
 
@@ -66,10 +67,9 @@ class OwnProcess:
         return bool(self._process.is_alive())
 
     def kill(self) -> None:
-        """Kill it with its family, or what it has left of that, and wait until it is dead."""
+        """Kill it with its family, and wait until it is dead."""
         if self.is_alive:
             kill_family(self._process.pid)
-        kill_session(self._process.pid)
         self._process.join()
 
     def cause_of_death(self) -> str:
@@ -84,11 +84,36 @@ def start_method() -> str:
 
 
 def _run(words: Path, work: Callable[..., None], arguments: tuple[Any, ...]) -> None:
-    """What a process does: it begins, and works unless who has started it is gone already."""
+    """What a process does: it begins, and works under a guard, where the system can fork."""
     begin(words)
+    if hasattr(os, "fork") and (worker := os.fork()):
+        _guard(worker)
+    prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    work(*arguments)
+
+
+def _guard(worker: int) -> NoReturn:
+    """Wait until the worker is dead, kill what it has left behind, and end as it did.
+
+    When who has started us is gone the worker is killed, whatever it does: the fork server lives on
+    as long as its children, so that nobody else would.
+    """
     starter = mp.parent_process()
-    if starter is not None and starter.is_alive():
-        work(*arguments)
+    assert starter is not None
+
+    def watch() -> None:
+        starter.join()
+        kill_family(worker)
+
+    threading.Thread(target=watch, daemon=True).start()
+    code = os.waitstatus_to_exitcode(os.waitpid(worker, 0)[1])
+    while left := family(os.getpid()):
+        kill(left)
+    if code < 0:
+        with contextlib.suppress(OSError):  # SIGKILL has no handler
+            signal.signal(-code, signal.SIG_DFL)
+        os.kill(os.getpid(), -code)
+    os._exit(code)
 
 
 def begin(words: Path) -> None:
@@ -115,7 +140,7 @@ def begin(words: Path) -> None:
 def _redirect(words: Path) -> None:
     """Nothing comes in, and whatever is printed goes to the file `words`."""
     nothing = os.open(os.devnull, os.O_RDONLY)
-    out = os.open(words, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+    out = os.open(words, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o600)
     os.dup2(nothing, 0)
     os.dup2(out, 1)
     os.dup2(out, 2)
