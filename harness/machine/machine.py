@@ -86,6 +86,7 @@ def _usable_cores() -> int:
 
 
 def _cpu_model() -> str:
+    """The processor's name; read here, as py-cpuinfo takes a second for it in every process."""
     cpuinfo = Path("/proc/cpuinfo")
     if cpuinfo.exists():
         for line in cpuinfo.read_text(errors="replace").splitlines():

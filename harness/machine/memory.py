@@ -7,11 +7,11 @@ from pathlib import Path
 import psutil
 
 GROUP = Path("/sys/fs/cgroup")
-"""Where Linux tells a container of its own memory."""
+"""Where Linux tells of a container's memory."""
 
 
 def available_memory() -> float:
-    """Bytes that can be had without swapping."""
+    """Bytes that can be had without swapping, from the machine and from its container if any."""
     return min(float(psutil.virtual_memory().available), _of_container())
 
 

@@ -1,17 +1,13 @@
 """Closed loops in processes of their own: a crash or a hang costs one loop.
 
-A process is forked from a server that has imported everything once, where the system can fork.  It
-tells how far it has come through shared memory, keeps its result itself
-(`harness.motions.loop_store`) and says nothing else; stderr goes to a file, whose last line
-explains a death.
+A process (`harness.processes.own_process`) tells how far it has come through shared memory, keeps
+its result itself (`harness.motions.loop_store`) and says nothing else; its last words explain a
+death.
 """
 
 from __future__ import annotations
 
-import contextlib
 import multiprocessing as mp
-import os
-import signal
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -22,7 +18,7 @@ from typing import Any
 
 from harness.motions.loop import Loop, LoopResult, run_loop
 from harness.motions.loop_store import load_loop, loop_path, write_loop
-from harness.processes.live_process import cause_of_death
+from harness.processes.own_process import OwnProcess, start_method
 from harness.progress import Progress
 
 POLL = 0.2
@@ -39,9 +35,8 @@ Work = Callable[[Loop, Path, Callable[[float], None]], None]
 @dataclass
 class _Running:
     loop: Loop
-    process: Any
+    process: OwnProcess
     reached: Any
-    stderr: Path
     began: float = field(default_factory=time.monotonic)
 
     @property
@@ -74,20 +69,16 @@ def run_isolated(
     """
     if not loops:
         return
-    context = _context()
     total, waiting = float(done + len(loops)), list(loops)
     running: list[_Running] = []
     with tempfile.TemporaryDirectory() as scratch:
         try:
             while waiting or running:
                 while waiting and len(running) < workers:
-                    running.append(_start(context, work, waiting.pop(0), folder, Path(scratch)))
+                    running.append(_start(work, waiting.pop(0), folder, Path(scratch)))
                 wait([each.process.sentinel for each in running], timeout=POLL)
                 for each in list(running):
-                    if each.late:
-                        each.process.kill()
-                    if each.late or not each.process.is_alive():
-                        each.process.join()
+                    if each.late or not each.process.is_alive:
                         _settle(each, folder)
                         running.remove(each)
                         done += 1
@@ -97,54 +88,31 @@ def run_isolated(
         finally:
             for each in running:
                 each.process.kill()
-                each.process.join()
 
 
-def _context() -> Any:
-    if "forkserver" not in mp.get_all_start_methods():
-        return mp.get_context("spawn")
-    context = mp.get_context("forkserver")
-    context.set_forkserver_preload(["harness.motions.isolated_loops"])
-    return context
+def _start(work: Work, loop: Loop, folder: Path, scratch: Path) -> _Running:
+    reached = mp.get_context(start_method()).Value("d", 0.0, lock=False)
+    words = scratch / f"{loop_path(folder, loop).stem}.txt"
+    return _Running(loop, OwnProcess(words, _work, work, loop, folder, reached), reached)
 
 
-def _start(context: Any, work: Work, loop: Loop, folder: Path, scratch: Path) -> _Running:
-    reached = context.Value("d", 0.0, lock=False)
-    stderr = scratch / f"{loop_path(folder, loop).stem}.txt"
-    process = context.Process(
-        target=_begin, args=(work, loop, folder, reached, stderr), name=loop.name, daemon=True
-    )
-    process.start()
-    return _Running(loop, process, reached, stderr)
-
-
-def _begin(work: Work, loop: Loop, folder: Path, reached: Any, stderr: Path) -> None:
+def _work(work: Work, loop: Loop, folder: Path, reached: Any) -> None:
     """What a process does: `work`, with the clock of the motion in shared memory."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends it
-    with open(stderr, "w") as file:
-        os.dup2(file.fileno(), 2)
-    parent = os.getppid()
 
     def told(t: float) -> None:
         reached.value = t
-        if os.getppid() != parent:
-            os._exit(1)  # the campaign was killed
 
     work(loop, folder, told)
 
 
 def _settle(ended: _Running, folder: Path) -> None:
-    """Where a process left no result, say why in one."""
+    """End a process with all that it has forked; where it left no result, say why in one."""
+    late = ended.process.is_alive
+    ended.process.kill()
     if load_loop(folder, ended.loop) is not None:
         return
-    code = ended.process.exitcode
-    verdict, reason = "crashed", cause_of_death(code)
-    if ended.late:
-        verdict, reason = "timeout", "one QP took so long that the process was killed"
-    lines: list[str] = []
-    with contextlib.suppress(OSError):
-        lines = ended.stderr.read_text(errors="replace").strip().splitlines()
-    if lines and verdict == "crashed":
-        reason = f"{reason}: {lines[-1].strip()[:200]}"
+    verdict, reason = "timeout", "one QP took so long that the process was killed"
+    if not late:
+        verdict, reason = "crashed", ended.process.cause_of_death()
     reached = float(ended.reached.value)
     write_loop(folder, LoopResult(ended.loop, verdict, reason, reached, {}, None))

@@ -1,15 +1,12 @@
 """A process that runs one engine; a crash or a hang costs one run.
 
 It is started when first needed, and anew after it was lost.  Parent and child speak by a pipe: a
-job down; "built" and "passed" as each pass begins and ends, and at last the outcome, up.  What the
-engine prints goes to a file, whose last line explains a death.
+job down; "built" and "passed" as each pass begins and ends, and at last the outcome, up.
 """
 
 from __future__ import annotations
 
 import multiprocessing as mp
-import os
-import signal
 import tempfile
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -18,14 +15,14 @@ from typing import Any
 from harness.peers import engine_class
 from harness.peers.observe import observe
 from harness.peers.tasks import Task
-from harness.processes.live_process import cause_of_death
+from harness.processes.own_process import OwnProcess
 
 STARTING = 120.0
 """Longest that importing an engine and building a scene may take [s]."""
 ERRORS = (ValueError, RuntimeError, ArithmeticError, MemoryError)
 """What an engine or the stepper may raise of a motion that cannot go on."""
 LINE = 200
-"""Characters of a last line that are kept."""
+"""Characters of an error that are kept."""
 
 
 class Worker:
@@ -33,7 +30,7 @@ class Worker:
 
     def __init__(self, engine: str) -> None:
         self.engine = engine
-        self._process: Any = None
+        self._process: OwnProcess
         self._link: Connection | None = None
 
     def __enter__(self) -> Worker:
@@ -61,8 +58,7 @@ class Worker:
                     return told
                 patience = limit if told == "built" else STARTING
         except (EOFError, OSError):
-            self._process.join()
-            reason = cause_of_death(self._process.exitcode) + self._last_line()
+            reason = self._process.cause_of_death()
             self._end()
             return {"status": "crashed", "reason": reason}
         self._end()
@@ -71,37 +67,21 @@ class Worker:
 
     def _start(self) -> Connection:
         engine_class(self.engine).prepare()
-        context = mp.get_context("spawn")
-        self._link, theirs = context.Pipe()
-        arguments = (theirs, self.engine, self._words)
-        self._process = context.Process(target=_work, args=arguments, daemon=True)
-        self._process.start()
+        self._link, theirs = mp.Pipe()
+        words = Path(self._folder.name) / "words.txt"
+        self._process = OwnProcess(words, _work, theirs, self.engine)
         theirs.close()
         return self._link
 
     def _end(self) -> None:
         if self._link is not None:
             self._process.kill()
-            self._process.join()
             self._link.close()
             self._link = None
 
-    @property
-    def _words(self) -> Path:
-        return Path(self._folder.name) / "words.txt"
 
-    def _last_line(self) -> str:
-        lines = self._words.read_text(errors="replace").split("\n") if self._words.exists() else []
-        said = [line.strip() for line in lines if line.strip()]
-        return f": {said[-1][:LINE]}" if said else ""
-
-
-def _work(link: Connection, engine: str, words: Path) -> None:
+def _work(link: Connection, engine: str) -> None:
     """What the process does."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends it
-    with open(words, "w") as file:
-        os.dup2(file.fileno(), 1)
-        os.dup2(file.fileno(), 2)
     cls = engine_class(engine)
     while True:
         try:

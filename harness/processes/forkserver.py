@@ -5,13 +5,12 @@ a fork is ready to solve within some 10 ms and shares all of that with the other
 nothing.  By order of the parent (`harness.processes.isolate`) it starts processes, passes on what
 they are to do, tells what they say and what they die of, and kills.
 
-1. A process leads a session of its own, so that it is killed with all that it has forked.  What
-   leaves the session is found as well, on Linux: the server adopts the orphans of its processes.
+1. A process begins, speaks and ends as every one of ours does (`harness.processes.own_process`).
+   What a dead one has left behind is found as well, on Linux: the server adopts its orphans.
 2. Every process is killed when the parent is gone: then the server reads the end of its pipe.  If
    the server itself is killed, its processes die with it (on Linux).
-3. A process has limits: of memory (`RLIMIT_AS`, which macOS does not heed), of new processes and
-   threads (`RLIMIT_NPROC`, which root is not held to), no core dumps; and it is the first that a
-   Linux without memory kills.
+3. A process has limits: of memory (`RLIMIT_AS`, which macOS does not heed), and of new processes
+   and threads (`RLIMIT_NPROC`, which root is not held to).
 4. After a pass a process says `DONE` or `LOST` behind the token that came with the order, and at
    no other time anything.  Its answers stand in the sheet (`harness.processes.sheet`).
 """
@@ -19,7 +18,6 @@ they are to do, tells what they say and what they die of, and kills.
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import gc
 import importlib
 import json
@@ -38,6 +36,15 @@ import psutil
 
 from harness.machine.threads import one_thread
 from harness.passes.measure import pose, run_pass
+from harness.processes.own_process import (
+    PR_SET_CHILD_SUBREAPER,
+    begin,
+    family,
+    kill,
+    kill_family,
+    kill_session,
+    prctl,
+)
 from harness.processes.sheet import Layout, Lost, Pen
 from harness.recordings.recording import Recording, read_recording
 from problems.qp import ContactQP
@@ -49,7 +56,6 @@ DONE, LOST = b"done", b"lost"
 """What a process says after a pass; `LOST`: it ended early and wants to be replaced."""
 NEW_TASKS = 256
 """Processes and threads that may be added to the user's while a process lives."""
-PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36
 
 
 def serve(link: int, folder: str) -> None:
@@ -59,7 +65,7 @@ def serve(link: int, folder: str) -> None:
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    _prctl(PR_SET_CHILD_SUBREAPER, 1)
+    prctl(PR_SET_CHILD_SUBREAPER, 1)
     server = Server(Connection(link))
     try:
         while server.turn():
@@ -180,15 +186,14 @@ class Server:
                     continue
                 self.hear(pid)  # its last word
                 self.processes.pop(pid).close()
-                _kill_session(pid)
+                kill_session(pid)
                 self.end_orphans()
                 self.tell(pid, "dead", code=os.waitstatus_to_exitcode(status))
 
     def kill(self, pid: int) -> None:
         """Kill a process and its session; `bury` tells when it is dead."""
         if pid in self.processes:
-            _kill(pid)
-            _kill_session(pid)
+            kill_family(pid)
 
     def kill_all(self) -> None:
         """Kill everything and wait for it."""
@@ -202,25 +207,19 @@ class Server:
 
     def end_forks(self, pid: int) -> int:
         """Kill what process `pid` has forked, and all orphans; returns how many there were."""
-        parents, family = _parents(), {pid}
-        while more := {child for child, parent in parents.items() if parent in family} - family:
-            family |= more
-        family.remove(pid)
-        for child in family:
-            _kill(child)
-        return len(family | self.end_orphans())
+        forks = family(pid)
+        kill(forks)
+        return len(forks | self.end_orphans())
 
-    def end_orphans(self) -> set[int]:
+    def end_orphans(self) -> set[psutil.Process]:
         """Kill orphans of processes, and theirs, until there are none; returns which they were."""
         killed = set()
-        while orphans := [
-            child
-            for child, parent in _parents().items()
-            if parent == os.getpid() and child not in self.processes
-        ]:
+        while orphans := {
+            one for one in family(os.getpid(), recursive=False) if one.pid not in self.processes
+        }:
+            kill(orphans)
             for orphan in orphans:
-                _kill(orphan)
-                os.waitpid(orphan, 0)
+                os.waitpid(orphan.pid, 0)
             killed.update(orphans)
         return killed
 
@@ -229,8 +228,7 @@ class Server:
         code = 1
         try:
             server = os.getppid()
-            os.setsid()
-            _prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+            begin(Path(task["words"]))
             if os.getppid() != server:
                 os._exit(1)
             signal.set_wakeup_fd(-1)
@@ -239,7 +237,6 @@ class Server:
             self.parent.close()
             for other in (self.deaths, self.wake, *self.processes.values()):
                 other.close()
-            _redirect(task["words"])
             assert self.recording is not None
             _live(link, self.recording, self.posed, task, **self.block)
             code = 0
@@ -285,23 +282,10 @@ def _live(
             link.sendall(order["token"].encode() + said)
 
 
-def _redirect(words: str) -> None:
-    """Nothing comes in, and whatever is printed goes to the file `words`."""
-    nothing = os.open(os.devnull, os.O_RDONLY)
-    out = os.open(words, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
-    os.dup2(nothing, 0)
-    os.dup2(out, 1)
-    os.dup2(out, 2)
-    os.close(nothing)
-    os.close(out)
-
-
 def _limit(memory: int) -> None:
     """Limit what the process may take: `memory` [bytes] beyond what it has."""
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    _lower(resource.RLIMIT_AS, psutil.Process().memory_info().vms + memory)
-    with contextlib.suppress(OSError):  # Linux alone has it
-        Path("/proc/self/oom_score_adj").write_text("1000")
+    if sys.platform == "linux":
+        _lower(resource.RLIMIT_AS, psutil.Process().memory_info().vms + memory)
     if os.getuid() != 0:
         _lower(resource.RLIMIT_NPROC, _tasks_of(os.getuid()) + NEW_TASKS)
 
@@ -315,28 +299,9 @@ def _lower(which: int, value: int) -> None:
 
 def _tasks_of(user: int) -> int:
     """Processes and threads of a user."""
-    about = (process.info for process in psutil.process_iter(["uids", "num_threads"]))
-    own = (each for each in about if each["uids"] and each["uids"].real == user)
-    return sum(each["num_threads"] or 0 for each in own)
-
-
-def _parents() -> dict[int, int]:
-    """Process → its parent, of all that live."""
-    living = (process.info for process in psutil.process_iter(["pid", "ppid", "status"]))
-    return {p["pid"]: p["ppid"] for p in living if p["status"] != psutil.STATUS_ZOMBIE}
-
-
-def _kill(pid: int) -> None:
-    with contextlib.suppress(ProcessLookupError):
-        os.kill(pid, signal.SIGKILL)
-
-
-def _kill_session(leader: int) -> None:
-    with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(leader, signal.SIGKILL)
-
-
-def _prctl(option: int, value: int) -> None:
-    """Linux alone knows it."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(option, value, 0, 0, 0)
+    count = 0
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.Error):
+            if process.uids().real == user:
+                count += process.num_threads()
+    return count

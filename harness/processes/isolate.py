@@ -247,8 +247,8 @@ class Block:
                 allowed += FIRST_CALL
             if clock() - moved > allowed:
                 text = f"killed: not back after {allowed:g} s"
-                return Loss("timeout", text + process.last_words(), clock() - moved)
+                return Loss("timeout", text + process.words.last(), clock() - moved)
             if process.memory() > self._memory:
                 text = f"killed: it took more than {self._limits.memory:g} GiB of memory"
-                return Loss("crashed", text + process.last_words())
-            process.trim_words()
+                return Loss("crashed", text + process.words.last())
+            process.words.trim()

@@ -22,16 +22,11 @@ import psutil
 
 from harness.machine.threads import VARIABLES
 from harness.passes.limits import Task
+from harness.processes.own_process import Words, cause_of_death
 from solvers.registry import target_of
 
 PATIENCE = 60.0
 """Longest that the server may take to do what it is told [s]."""
-WORDS = 1 << 20
-"""Bytes of what a process prints that are kept."""
-LINES, LENGTH = 3, 100
-"""Last words: so many lines of so many characters at most."""
-TAIL = 4096
-"""Bytes that last words are looked for in."""
 
 
 class IsolationError(RuntimeError):
@@ -166,8 +161,7 @@ class Process:
 
     def __init__(self, server: Server, task: Task, memory_limit: int) -> None:
         self._server = server
-        self._words = server.folder / f"words-{next(server.serial)}"
-        self._trimmed = b""
+        self.words = Words(server.folder / f"words-{next(server.serial)}")
         self.fresh = True
         server.order(
             "start",
@@ -176,7 +170,7 @@ class Process:
             options=dict(task.options),
             arm=task.arm,
             memory_limit=memory_limit,
-            words=str(self._words),
+            words=str(self.words.path),
         )
         self.pid: int = server.await_event("started")["pid"]
         self._begins_with = self._resident()
@@ -194,7 +188,7 @@ class Process:
         """Wait until it is dead, after `kill`.  Raises IsolationError if that takes too long."""
         if self.is_alive:
             self._server.await_event("dead", self.pid)
-        self._words.unlink(missing_ok=True)
+        self.words.path.unlink(missing_ok=True)
 
     def memory(self) -> int:
         """Bytes that it holds beyond what it started with; 0 where the system does not tell."""
@@ -206,32 +200,10 @@ class Process:
         except psutil.Error:
             return 0
 
-    def last_words(self) -> str:
-        """The last lines that it has printed, behind a colon, or nothing."""
-        text = (self._trimmed + self._tail()).decode(errors="replace")
-        lines = [" ".join(line.split())[:LENGTH] for line in text.splitlines() if line.strip()]
-        said = " | ".join(lines[-LINES:])
-        return f": {said}" if said else ""
-
-    def trim_words(self) -> None:
-        """Empty the file of what it prints if that is long, but for its end."""
-        with contextlib.suppress(OSError):
-            if self._words.stat().st_size > WORDS:
-                self._trimmed = self._tail()
-                os.truncate(self._words, 0)
-
-    def _tail(self) -> bytes:
-        try:
-            with open(self._words, "rb") as file:
-                file.seek(max(0, os.fstat(file.fileno()).st_size - TAIL))
-                return file.read()
-        except OSError:
-            return b""
-
     def loss_of(self, event: dict[str, Any]) -> Loss | None:
         """What an event after a pass means: None if the pass is done and all is well."""
         if event["is"] == "dead":
-            text = cause_of_death(event["code"]) + self.last_words()
+            text = cause_of_death(event["code"]) + self.words.last()
             # who is short of memory kills with this signal, too
             blame = "unknown" if event["code"] == -signal.SIGKILL else "solver"
             return Loss("crashed", text, blame=blame)
@@ -242,13 +214,3 @@ class Process:
         if event["left"]:
             return Loss("crashed", f"left processes of its own behind: {event['left']}")
         return None
-
-
-def cause_of_death(code: int) -> str:
-    """What an exit code says; negative: the signal."""
-    if code >= 0:
-        return f"left with exit code {code}"
-    try:
-        return signal.Signals(-code).name
-    except ValueError:
-        return f"signal {-code}"

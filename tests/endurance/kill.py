@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from harness.files import folder_lock, whole_files
+from harness.files import whole_files
 from harness.results.store import Store, read_repeats, read_results
 from harness.study.replay import replay
 from harness.study.study import record_into
@@ -133,7 +133,7 @@ def begin(folder: Path, isolate: bool, count: Countdown | None = None) -> int:
     try:
         if count is not None:
             counted: Any = CountedOs(count)
-            whole_files.os = folder_lock.os = counted  # type: ignore[attr-defined]
+            whole_files.os = counted  # type: ignore[attr-defined]
             whole_files.open = counted_open(count)  # type: ignore[attr-defined]
         study(folder, isolate)
         code = 0

@@ -27,7 +27,8 @@ from harness.passes.limits import hard_limit
 from harness.passes.measure import Outcome, believed
 from harness.processes import isolate, live_process
 from harness.processes.isolate import MOST_LOST
-from harness.processes.live_process import cause_of_death, server
+from harness.processes.live_process import server
+from harness.processes.own_process import cause_of_death
 from harness.processes.sheet import HEADER, ROW, SETTLED, Layout, Pen, Sheet
 from harness.results.store import TIMES, StoreError, read_spent
 from problems.qp import WorkCounts

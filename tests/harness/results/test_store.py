@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -17,7 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from harness.files import folder_lock, whole_files
+from harness.files import whole_files
 from harness.files.folder_lock import ForeignLock, Locked
 from harness.files.json_file import sealed_json
 from harness.recordings.recording import write_recording
@@ -229,10 +230,21 @@ time.sleep(60)
 """
 
 
-def other_process(folder: Path) -> subprocess.Popen[str]:
+HOLD_AND_FORK = """
+import os, sys, time
+from harness.results.store import Store
+store = Store(sys.argv[1])
+print("held", flush=True)
+if child := os.fork():
+    print(child, flush=True)
+time.sleep(60)
+"""
+
+
+def other_process(folder: Path, program: str = HOLD) -> subprocess.Popen[str]:
     """A process that holds the folder."""
     made = subprocess.Popen(
-        [sys.executable, "-c", HOLD, str(folder)], cwd=ROOT, stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", program, str(folder)], cwd=ROOT, stdout=subprocess.PIPE, text=True
     )
     assert made.stdout is not None and made.stdout.readline() == "held\n"
     return made
@@ -260,6 +272,24 @@ def test_a_process_shares_its_lock_and_gives_it_back(tmp_path: Path) -> None:
     holder = other_process(tmp_path)
     holder.kill()
     holder.communicate()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no forks here")
+def test_a_child_that_outlives_its_study_locks_nobody_out(tmp_path: Path) -> None:
+    holder = other_process(tmp_path, HOLD_AND_FORK)
+    try:
+        assert holder.stdout is not None
+        child = int(holder.stdout.readline())
+        with pytest.raises(Locked):
+            Store(tmp_path)
+        holder.kill()
+        holder.wait()
+        Store(tmp_path).save(shard())
+        os.kill(child, 0)  # it was there all the time
+    finally:
+        holder.kill()
+        os.kill(child, signal.SIGKILL)
+        holder.communicate()
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
@@ -442,7 +472,11 @@ def test_a_folder_that_cannot_be_written_is_refused_at_once(
     (tmp_path / "file").write_text("x")
     with pytest.raises(StoreError, match=r"cannot be written \((File exists|Not a directory)\)"):
         Store(tmp_path / "file")
-    monkeypatch.setattr(folder_lock, "os", Refusing("open", errno.EROFS))
+
+    def read_only(*_: object) -> int:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    monkeypatch.setattr(os, "open", read_only)
     with pytest.raises(StoreError, match="Read-only file system"):
         Store(tmp_path)
 
