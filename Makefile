@@ -42,7 +42,9 @@ publish: study campaigns growth
 	$(BIN)/glambda stability -o results/stability
 	mkdir reports/published/stability
 	cp results/stability/stability* reports/published/stability
-	$(BIN)/glambda painleve -o reports/published/painleve
+	$(BIN)/glambda painleve -o results/painleve
+	mkdir reports/published/painleve
+	cp results/painleve/painleve* reports/published/painleve
 	$(BIN)/glambda convergence -o reports/published/convergence
 	$(BIN)/glambda closed-loop -o results/closed_loop
 	mkdir reports/published/closed_loop

@@ -13,9 +13,13 @@ from harness.results.claim import Claim
 
 SMALLER: dict[str, Any] = {
     "harness.claims.stability.STEPS": 20,
+    "harness.claims.painleve.STEPS": (1e-4, 1e-5, 1e-6),
+    "harness.claims.painleve.APPROACHES": (2.0, 3.0),
+    "harness.claims.painleve.TOLERANCES": (1e-3, 1e-4),
 }
 COMMANDS = {
     "stability": ["stability"],
+    "painleve": ["painleve"],
 }
 
 
