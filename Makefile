@@ -45,7 +45,9 @@ publish: study campaigns growth
 	$(BIN)/glambda painleve -o results/painleve
 	mkdir reports/published/painleve
 	cp results/painleve/painleve* reports/published/painleve
-	$(BIN)/glambda convergence -o reports/published/convergence
+	$(BIN)/glambda convergence -o results/convergence
+	mkdir reports/published/convergence
+	cp results/convergence/convergence* reports/published/convergence
 	$(BIN)/glambda closed-loop -o results/closed_loop
 	mkdir reports/published/closed_loop
 	cp results/closed_loop/closed_loop* reports/published/closed_loop

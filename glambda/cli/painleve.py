@@ -31,8 +31,7 @@ def painleve(
     from solvers import make_solver
 
     with shown("painleve", terminal(err=True)) as tell:
-        rows = measure(painleve_claims(make_solver("lotstedt")), output, tell)
-    measured = Painleve(**rows)
+        measured = Painleve(**measure(painleve_claims(make_solver("lotstedt")), output, tell))
     page = write_painleve(measured, output)
     print_tables(terminal(), painleve_tables(measured))
     say(str(page))

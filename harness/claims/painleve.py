@@ -9,17 +9,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from functools import partial
-from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
 from harness.claims.slide import STEEPEST, growth, rod_of_gain, slide_of
-from harness.results.claim import Claim
+from harness.results.claim import Claim, claim_over
 from problems import Run, scene, simulate
 from problems.friction.rules import FrictionRule
 from problems.qp import Vector
@@ -266,22 +265,17 @@ class Painleve(NamedTuple):
 
 def painleve_claims(solver: SolvesQPs) -> list[Claim]:
     """The four questions, each with its runs; `solver` drives them."""
-
-    def claim(name: str, rows: Callable[..., pd.DataFrame], **ranges: Iterable[Any]) -> Claim:
-        units = [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
-        return Claim(name, partial(rows, solver), units)
-
     firsts = [
         {"motions": motions, "rule": rule, "eps": eps} for motions in CASES for rule, eps in RULES
     ]
     rules = ("paper", "corrected")
     return [
         Claim("firsts", partial(first_steps, solver), firsts),
-        claim("growths", measured_growth, gain=GAINS),
-        claim("fixed", fixed_time, gain=FIXED_GAINS, steps=FIXED_STEPS),
-        claim("catches", caught, rule=rules, h=STEPS),
-        claim("outcomes", outcome, motions=CASES, rule=rules),
-        claim("approaches", approach, spin=APPROACHES, eps=TOLERANCES),
+        claim_over("growths", partial(measured_growth, solver), gain=GAINS),
+        claim_over("fixed", partial(fixed_time, solver), gain=FIXED_GAINS, steps=FIXED_STEPS),
+        claim_over("catches", partial(caught, solver), rule=rules, h=STEPS),
+        claim_over("outcomes", partial(outcome, solver), motions=CASES, rule=rules),
+        claim_over("approaches", partial(approach, solver), spin=APPROACHES, eps=TOLERANCES),
     ]
 
 

@@ -17,9 +17,10 @@ from __future__ import annotations
 import inspect
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -127,6 +128,12 @@ class Claim:
             "unit": dict(unit),
             **self.made_by,
         }
+
+
+def claim_over(name: str, rows: Callable[..., pd.DataFrame], **ranges: Iterable[Any]) -> Claim:
+    """A claim with a unit for each combination of values, the last name varying fastest."""
+    units = [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
+    return Claim(name, rows, units)
 
 
 def measure(

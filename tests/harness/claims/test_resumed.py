@@ -13,6 +13,8 @@ from harness.results.claim import Claim
 
 SMALLER: dict[str, Any] = {
     "harness.claims.stability.STEPS": 20,
+    "harness.claims.convergence.SWEEP": (1e-2, 1e-3, 1e-4),
+    "harness.claims.reference_motion.REFERENCE": 1e-4,
     "harness.claims.painleve.STEPS": (1e-4, 1e-5, 1e-6),
     "harness.claims.painleve.APPROACHES": (2.0, 3.0),
     "harness.claims.painleve.TOLERANCES": (1e-3, 1e-4),
@@ -20,6 +22,7 @@ SMALLER: dict[str, Any] = {
 COMMANDS = {
     "stability": ["stability"],
     "painleve": ["painleve"],
+    "convergence": ["convergence", "wall,bodies=3"],
 }
 
 
