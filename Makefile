@@ -39,9 +39,15 @@ publish: study campaigns growth
 	mkdir reports/published/growth reports/published/growth_piles
 	cp results/growth/growth* reports/published/growth
 	cp results/growth_piles/growth* reports/published/growth_piles
-	$(BIN)/glambda stability -o reports/published/stability
-	$(BIN)/glambda painleve -o reports/published/painleve
-	$(BIN)/glambda convergence -o reports/published/convergence
+	$(BIN)/glambda stability -o results/stability
+	mkdir reports/published/stability
+	cp results/stability/stability* reports/published/stability
+	$(BIN)/glambda painleve -o results/painleve
+	mkdir reports/published/painleve
+	cp results/painleve/painleve* reports/published/painleve
+	$(BIN)/glambda convergence -o results/convergence
+	mkdir reports/published/convergence
+	cp results/convergence/convergence* reports/published/convergence
 	$(BIN)/glambda closed-loop -o results/closed_loop
 	mkdir reports/published/closed_loop
 	cp results/closed_loop/closed_loop* reports/published/closed_loop

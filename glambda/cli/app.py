@@ -36,7 +36,10 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-RESUMED = ("replay", "verify", "growth", "closed_loop", "peers", "study")
+RESUMED = (
+    *("replay", "verify", "growth", "stability", "painleve", "convergence"),
+    *("closed_loop", "peers", "study"),
+)
 """Commands that continue from their results folder, where they were given one, after Ctrl-C."""
 WRITES_EACH = ("record", "stretch")
 """Commands that have written some of their files by then, and begin anew."""

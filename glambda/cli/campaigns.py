@@ -99,18 +99,19 @@ def stability(
 ) -> None:
     """Figure 1: where are the compound methods stable? Roots, and runs of the stepper itself.
 
+    A folder that holds some of them already is continued.
+
     Example:  glambda stability -o stability
     """
-    from harness.claims.stability import CORNERS, check, measured_run, points_to_check
+    from harness.claims.stability import stability_claims
     from harness.progress import shown
+    from harness.results.claim import measure
     from reports.claims.stability import runs_table, write_stability
     from reports.parts.table import print_tables
     from solvers import make_solver
 
-    solver = make_solver("lotstedt")
     with shown("stability", terminal(err=True)) as tell:
-        checked = check(solver, points_to_check(), progress=tell)
-        corners = [measured_run(solver, order, D, K) for order in (1, 2) for D, K in CORNERS]
-    page = write_stability(checked, corners, output)
-    print_tables(terminal(), [runs_table(checked)])
+        rows = measure(stability_claims(make_solver("lotstedt")), output, tell)
+    page = write_stability(rows["runs"], rows["corners"], output)
+    print_tables(terminal(), [runs_table(rows["runs"])])
     say(str(page))

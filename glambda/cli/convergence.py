@@ -23,18 +23,21 @@ def convergence(
     """Is the error of a motion proportional to ε, and what are the rules against drift worth?
 
     ε is swept over 1e-2 … 1e-6, before and after the first impact; then Baumgarte's stabilization
-    and projection run beside no rule. About two minutes.
+    and projection run beside no rule. About two minutes. A folder that holds some of it already is
+    continued.
 
     Example:  glambda convergence fig4 tower,bodies=5,lean=0.1 -o convergence
     """
-    from harness.claims.convergence import SCENES, measure_convergence
+    from harness.claims.convergence import SCENES, Converged, convergence_claims
     from harness.progress import shown
+    from harness.results.claim import measure
     from reports.claims.convergence import convergence_tables, write_convergence
     from reports.parts.table import print_tables
     from solvers import make_solver
 
     with shown("convergence", terminal(err=True)) as tell:
-        measured = measure_convergence(scenes or SCENES, make_solver("lotstedt"), progress=tell)
+        claims = convergence_claims(scenes or SCENES, make_solver("lotstedt"))
+        measured = Converged(**measure(claims, output, tell))
     page = write_convergence(measured, output)
     print_tables(terminal(), convergence_tables(measured))
     say(str(page))

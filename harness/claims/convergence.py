@@ -10,6 +10,7 @@ all errors above rounding, and to those with ε ≤ `FINE`.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cache
 from math import sqrt
 from typing import NamedTuple
 
@@ -26,8 +27,8 @@ from harness.claims.reference_motion import (
     reference_of,
     run_case,
 )
-from harness.claims.stabilization import ROUNDS, compare_rules
-from harness.progress import Progress
+from harness.claims.stabilization import ROUNDS, TOLERANCES, compare_rules
+from harness.results.claim import Claim, claim_over
 from problems.sequence import SolvesQPs
 
 SWEEP = tuple(float(f"{10 ** (-k / 2):.2g}") for k in range(4, 13))
@@ -39,34 +40,33 @@ ROUNDING = 1e-11
 """Errors below this are not fitted [m, m/s]."""
 
 
-def sweep(case: Case, reference: Reference, solver: SolvesQPs, tell: Progress) -> pd.DataFrame:
-    """Errors of all ε, by bound of h and stretch of time.
+def errors_of_run(
+    case: Case, reference: Reference, solver: SolvesQPs, bound: str, eps: float
+) -> pd.DataFrame:
+    """Errors of a run by one of the bounds of h, one row per stretch of time.
 
     Columns: scene, bound, eps, steps, impulses, cpu [s], stretch, pose [m], velocity [m/s].
     """
+    timed = [run_case(case, solver, eps, bound) for _ in range(ROUNDS)]
+    run, cpu = timed[0][0], min(spent for _, spent in timed)
+    pose, velocity = reference.errors(run)
     rows = []
-    runs = [(bound, eps) for bound in BOUNDS for eps in SWEEP]
-    for number, (bound, eps) in enumerate(runs):
-        tell(f"{case.label}, {bound}, ε = {eps:g}", number, len(runs))
-        timed = [run_case(case, solver, eps, bound) for _ in range(ROUNDS)]
-        run, cpu = timed[0][0], min(spent for _, spent in timed)
-        pose, velocity = reference.errors(run)
-        for stretch in STRETCHES:
-            inside = reference.within(stretch)
-            if inside.any():
-                rows.append(
-                    {
-                        "scene": case.label,
-                        "bound": bound,
-                        "eps": eps,
-                        "steps": run.counts["steps"],
-                        "impulses": run.counts["impulses"],
-                        "cpu": cpu,
-                        "stretch": stretch,
-                        "pose": float(pose[inside].max()),
-                        "velocity": float(velocity[inside].max()),
-                    }
-                )
+    for stretch in STRETCHES:
+        inside = reference.within(stretch)
+        if inside.any():
+            rows.append(
+                {
+                    "scene": case.label,
+                    "bound": bound,
+                    "eps": eps,
+                    "steps": run.counts["steps"],
+                    "impulses": run.counts["impulses"],
+                    "cpu": cpu,
+                    "stretch": stretch,
+                    "pose": float(pose[inside].max()),
+                    "velocity": float(velocity[inside].max()),
+                }
+            )
     return pd.DataFrame(rows)
 
 
@@ -142,31 +142,24 @@ class Converged(NamedTuple):
     drifted: pd.DataFrame
 
 
-def measure_convergence(
-    labels: Iterable[str], solver: SolvesQPs, progress: Progress | None = None
-) -> Converged:
+def convergence_claims(labels: Iterable[str], solver: SolvesQPs) -> list[Claim]:
     """Both parts of the campaign for these scenes; `solver` drives the runs.
 
     Raises ValueError for an unknown scene or parameter.
     """
-    cases = cases_of(list(labels))
-    swept, drifted = [], []
-    for number, case in enumerate(cases):
-        if progress is not None:
-            progress(f"{case.label}, reference", number, len(cases))
-        reference = reference_of(case, solver)
-        tell = _part_of(progress, number, len(cases))
-        swept.append(sweep(case, reference, solver, tell))
-        tell = _part_of(progress, number + 0.5, len(cases))
-        drifted.append(compare_rules(case, reference, solver, tell))
-    return Converged(pd.concat(swept, ignore_index=True), pd.concat(drifted, ignore_index=True))
+    cases = {case.label: case for case in cases_of(list(labels))}
 
+    @cache
+    def known(scene: str) -> tuple[Case, Reference]:
+        return cases[scene], reference_of(cases[scene], solver)
 
-def _part_of(progress: Progress | None, start: float, count: int) -> Progress:
-    """The progress of half a case."""
+    def swept(scene: str, bound: str, eps: float) -> pd.DataFrame:
+        return errors_of_run(*known(scene), solver, bound, eps)
 
-    def tell(what: str, done: float, total: float) -> None:
-        if progress is not None:
-            progress(what, start + 0.5 * done / total, count)
+    def drifted(scene: str, eps: float) -> pd.DataFrame:
+        return compare_rules(*known(scene), solver, eps)
 
-    return tell
+    return [
+        claim_over("swept", swept, scene=cases, bound=BOUNDS, eps=SWEEP),
+        claim_over("drifted", drifted, scene=cases, eps=TOLERANCES),
+    ]

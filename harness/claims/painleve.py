@@ -10,6 +10,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from harness.claims.slide import STEEPEST, growth, rod_of_gain, slide_of
-from harness.progress import Progress
+from harness.results.claim import Claim, claim_over
 from problems import Run, scene, simulate
 from problems.friction.rules import FrictionRule
 from problems.qp import Vector
@@ -58,35 +59,32 @@ TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6)
 # --- the first step -------------------------------------------------------------------------------
 
 
-def first_steps(solver: SolvesQPs, progress: Progress | None = None) -> pd.DataFrame:
+def first_steps(solver: SolvesQPs, motions: str, rule: FrictionRule, eps: float) -> pd.DataFrame:
     """The first step after a collision, as h → 0.
 
     Columns: motions, gain, rule, eps, h, jump ‖q̇_n − q̇_{n−1}‖_M, lam the largest Σ λ_N [N],
     impulse h λ [N·s], catch ‖·‖_M of the impulse without a collision.
     """
+    made = scene("painleve", **{**CASES[motions], "fall": 0.1})
     rows = []
-    for number, (motions, parameters) in enumerate(CASES.items()):
-        made = scene("painleve", **{**parameters, "fall": 0.1})
-        for rule, eps in RULES:
-            _told(progress, f"first step, {motions}", number, len(CASES))
-            for h in STEPS:
-                run = simulate(made, solver, eps=eps, friction=rule, fixed_step=h, until=h)
-                first = int(np.searchsorted(run.t, 0.0, side="right"))
-                before = slide_of(made, run.q[first - 1, 0], run.v[first - 1, 0])
-                lam = _normal_force(run, first)
-                rows.append(
-                    {
-                        "motions": motions,
-                        "gain": before.gain,
-                        "rule": rule,
-                        "eps": eps,
-                        "h": h,
-                        "jump": before.norm(run.v[first, 0] - before.v),
-                        "lam": lam,
-                        "impulse": lam * (run.t[first] - run.t[first - 1]),
-                        "catch": before.norm(before.catch) if before.gain >= 1 else np.nan,
-                    }
-                )
+    for h in STEPS:
+        run = simulate(made, solver, eps=eps, friction=rule, fixed_step=h, until=h)
+        first = int(np.searchsorted(run.t, 0.0, side="right"))
+        before = slide_of(made, run.q[first - 1, 0], run.v[first - 1, 0])
+        lam = _normal_force(run, first)
+        rows.append(
+            {
+                "motions": motions,
+                "gain": before.gain,
+                "rule": rule,
+                "eps": eps,
+                "h": h,
+                "jump": before.norm(run.v[first, 0] - before.v),
+                "lam": lam,
+                "impulse": lam * (run.t[first] - run.t[first - 1]),
+                "catch": before.norm(before.catch) if before.gain >= 1 else np.nan,
+            }
+        )
     return pd.DataFrame(rows)
 
 
@@ -121,8 +119,8 @@ def errors_of(solver: SolvesQPs, gain: float, h: float, steps: int) -> Errors:
     )
 
 
-def measured_growth(solver: SolvesQPs, gain: float, steps: int = 14) -> dict[str, float]:
-    """Growth per step of the error in λ beside the theory.
+def measured_growth(solver: SolvesQPs, gain: float, steps: int = 14) -> pd.DataFrame:
+    """Growth per step of the error in λ beside the theory, one row.
 
     e_n = c₁ e_{n−1} + c₂ e_{n−2} is fitted where (4.2) is in force and nothing is clipped at 0.
     Theory: c₁ = 2γ, c₂ = −γ.
@@ -136,61 +134,45 @@ def measured_growth(solver: SolvesQPs, gain: float, steps: int = 14) -> dict[str
     kept = int(np.argmin(whole)) if not whole.all() else whole.size
     left = np.column_stack([e[1:-1], e[:-2]]) / size[:, None]
     first, second = np.linalg.lstsq(left[:kept], (e[2:] / size)[:kept], rcond=None)[0]
-    return {
+    row = {
         "gain": gain,
         "by (4.3)": growth(gain, "(4.3)"),
         "by (4.2)": growth(gain),
         "steps": kept,
         "measured": float(np.abs(np.roots([1.0, -first, -second])).max()),
     }
+    return pd.DataFrame([row])
 
 
-def fixed_time(solver: SolvesQPs) -> pd.DataFrame:
-    """Growth of the error in λ over `FIXED_TIME`, as h → 0.
+def fixed_time(solver: SolvesQPs, gain: float, steps: int) -> pd.DataFrame:
+    """Growth of the error in λ over `FIXED_TIME` in so many steps, one row.
 
     Columns: gain, steps, h, power |ζ|^(steps − 2); size of the last two errors over that of the
     first two, predicted by the recurrence without clipping at 0, and measured; lam, the last [N].
     """
-    rows = []
-    for gain in FIXED_GAINS:
-        for steps in FIXED_STEPS:
-            found = errors_of(solver, gain, FIXED_TIME / steps, steps)
-            theory = [1.0, gain]  # the second step is by (4.3)
-            for _ in range(steps - 2):
-                theory.append(gain * (2 * theory[-1] - theory[-2]))
-            rows.append(
-                {
-                    "gain": gain,
-                    "steps": steps,
-                    "h": FIXED_TIME / steps,
-                    "power": growth(gain) ** (steps - 2),
-                    "predicted": _amplified(theory),
-                    "measured": _amplified(found.e),
-                    "lam": float(found.lam[-1]),
-                }
-            )
-    return pd.DataFrame(rows)
+    found = errors_of(solver, gain, FIXED_TIME / steps, steps)
+    theory = [1.0, gain]  # the second step is by (4.3)
+    for _ in range(steps - 2):
+        theory.append(gain * (2 * theory[-1] - theory[-2]))
+    row = {
+        "gain": gain,
+        "steps": steps,
+        "h": FIXED_TIME / steps,
+        "power": growth(gain) ** (steps - 2),
+        "predicted": _amplified(theory),
+        "measured": _amplified(found.e),
+        "lam": float(found.lam[-1]),
+    }
+    return pd.DataFrame([row])
 
 
-class Caught(NamedTuple):
-    """A run with fixed steps until its slip ended.
+def caught(solver: SolvesQPs, rule: FrictionRule, h: float) -> pd.DataFrame:
+    """The rod without a motion, in steps of h by one of the rules, until its slip ended.
 
-    h [s];  rule : of friction;  t [s], slip [m/s] from the start;  impulse : h λ of each step [N·s]
-    end : when the slip ended [s];  error : of the jump in q̇ against the impulse without a
-    collision, relative, in ‖·‖_M
+    One row per state.  Columns: rule of friction, h [s]; end, when the slip ended [s]; error of the
+    jump in q̇ against the impulse without a collision, relative, in ‖·‖_M; t [s], slip [m/s] and
+    the impulse h λ [N·s] of the step to it, NaN at the start.
     """
-
-    h: float
-    rule: FrictionRule
-    t: Vector
-    slip: Vector
-    impulse: Vector
-    end: float
-    error: float
-
-
-def caught(solver: SolvesQPs, h: float, rule: FrictionRule = "paper") -> Caught:
-    """The rod without a motion, in steps of h, by one of the rules."""
     made = scene("painleve", **CASES["none"])
     start = slide_of(made, made.q0[0], made.v0[0])
     run = simulate(made, solver, eps=1e-6, friction=rule, fixed_step=h, until=80 * h)
@@ -199,117 +181,102 @@ def caught(solver: SolvesQPs, h: float, rule: FrictionRule = "paper") -> Caught:
     # what is left of the slip where its end was located goes in the next step
     stands = (run.t >= end) & (np.abs(slip) < 1e-4 * np.abs(slip[0]))
     last = int(np.argmax(stands))
-    lam = [_normal_force(run, i) for i in range(1, last + 1)]
+    t, lam = run.t[: last + 1], [_normal_force(run, i) for i in range(1, last + 1)]
     jump = run.v[last, 0] - run.v[0, 0]
-    return Caught(
-        h=h,
-        rule=rule,
-        t=run.t[: last + 1],
-        slip=slip[: last + 1],
-        impulse=np.diff(run.t[: last + 1]) * lam,
-        end=float(end),
-        error=start.norm(jump - start.catch) / start.norm(start.catch),
+    return pd.DataFrame(
+        {
+            "rule": rule,
+            "h": h,
+            "end": float(end),
+            "error": start.norm(jump - start.catch) / start.norm(start.catch),
+            "t": t,
+            "slip": slip[: last + 1],
+            "impulse": [np.nan, *(np.diff(t) * lam)],
+        }
     )
 
 
 # --- what becomes of it ---------------------------------------------------------------------------
 
 
-def outcomes(solver: SolvesQPs, progress: Progress | None = None) -> pd.DataFrame:
-    """How each rule goes on, with its own steps, ε = 1e-3.
+def outcome(solver: SolvesQPs, motions: str, rule: FrictionRule) -> pd.DataFrame:
+    """How a rule goes on, with its own steps, ε = 1e-3; one row.
 
-    Columns: motions, gain, rule, reported γ of the event, t, end of the slip, error of the jump
-    against the impulse without a collision, steps, rejected.
+    Columns: motions, gain, rule, reported γ of the event, end of the slip and its t, error of the
+    jump against the impulse without a collision, steps, rejected.
     """
-    rows = []
-    for number, (motions, parameters) in enumerate(CASES.items()):
-        _told(progress, f"outcome, {motions}", number, len(CASES))
-        made = scene("painleve", **parameters)
-        start = slide_of(made, made.q0[0], made.v0[0])
-        for rule in ("paper", "corrected"):
-            run = simulate(made, solver, friction=rule, until=0.02)
-            end = _end_of_slip(run)
-            jump = run.v[end.at, 0] - run.v[0, 0]
-            stops = end.kind in ("slip_to_stick", "jam")
-            rows.append(
-                {
-                    "motions": motions,
-                    "gain": start.gain,
-                    "rule": rule,
-                    "reported": _reported(run),
-                    "end": end.kind,
-                    "t": end.t,
-                    "error": start.norm(jump - start.catch) / start.norm(start.catch)
-                    if stops and start.gain >= 1
-                    else np.nan,
-                    "steps": run.counts["steps"],
-                    "rejected": run.counts["rejected_steps"],
-                }
-            )
-    return pd.DataFrame(rows)
+    made = scene("painleve", **CASES[motions])
+    start = slide_of(made, made.q0[0], made.v0[0])
+    run = simulate(made, solver, friction=rule, until=0.02)
+    end = _end_of_slip(run)
+    jump = run.v[end.at, 0] - run.v[0, 0]
+    stops = end.kind in ("slip_to_stick", "jam")
+    row = {
+        "motions": motions,
+        "gain": start.gain,
+        "rule": rule,
+        "reported": _reported(run),
+        "end": end.kind,
+        "t": end.t,
+        "error": start.norm(jump - start.catch) / start.norm(start.catch)
+        if stops and start.gain >= 1
+        else np.nan,
+        "steps": run.counts["steps"],
+        "rejected": run.counts["rejected_steps"],
+    }
+    return pd.DataFrame([row])
 
 
-class Approach(NamedTuple):
-    """A rod that rises towards γ = 1 while it slides.
+def approach(solver: SolvesQPs, spin: float, eps: float) -> pd.DataFrame:
+    """A rod that rises towards γ = 1 while it slides, by the corrected rule from γ = 0.87.
 
-    spin at the start [rad/s];  eps : ε;  gain, free : γ and B until its slip ended;  end, t : how
-    and when it did;  lam : the largest Σ λ_N before [N];  later : θ' at t = 0.15 [rad/s]
+    One row per state until its slip ended.  Columns: spin at the start [rad/s], eps; end and t, how
+    and when the slip ended; lam, the largest Σ λ_N before [N]; later, θ' at t = 0.15 [rad/s];
+    gain γ and free B.
     """
-
-    spin: float
-    eps: float
-    gain: Vector
-    free: Vector
-    end: str
-    t: float
-    lam: float
-    later: float
-
-
-def approach(solver: SolvesQPs, spin: float, eps: float) -> Approach:
-    """A run by the corrected rule from θ = 0.7, where γ = 0.87."""
     made = scene("painleve", angle=0.7, spin=spin, slip=3.0)
     run = simulate(made, solver, eps=eps, until=0.15)
     end = _end_of_slip(run)
     slides = [slide_of(made, run.q[i, 0], run.v[i, 0]) for i in range(end.at)]
-    return Approach(
-        spin=spin,
-        eps=eps,
-        gain=np.array([slide.gain for slide in slides]),
-        free=np.array([slide.free for slide in slides]),
-        end=end.kind,
-        t=end.t,
-        lam=max(_normal_force(run, i) for i in range(1, end.at)),
-        later=-float(run.v[-1, 0, 2]),
+    return pd.DataFrame(
+        {
+            "spin": spin,
+            "eps": eps,
+            "end": end.kind,
+            "t": end.t,
+            "lam": max(_normal_force(run, i) for i in range(1, end.at)),
+            "later": -float(run.v[-1, 0, 2]),
+            "gain": [slide.gain for slide in slides],
+            "free": [slide.free for slide in slides],
+        }
     )
 
 
 class Painleve(NamedTuple):
-    """All of it; growths has the rows of `measured_growth`."""
+    """The rows of all claims; see `painleve_claims`."""
 
     firsts: pd.DataFrame
     growths: pd.DataFrame
     fixed: pd.DataFrame
-    catches: list[Caught]
+    catches: pd.DataFrame
     outcomes: pd.DataFrame
-    approaches: list[Approach]
+    approaches: pd.DataFrame
 
 
-def measure_painleve(solver: SolvesQPs, progress: Progress | None = None) -> Painleve:
+def painleve_claims(solver: SolvesQPs) -> list[Claim]:
     """The four questions, each with its runs; `solver` drives them."""
-    ways = [(spin, eps) for spin in APPROACHES for eps in TOLERANCES]
-    approaches = []
-    for number, (spin, eps) in enumerate(ways):
-        _told(progress, f"towards γ = 1, spin {spin:g}, ε = {eps:g}", number, len(ways))
-        approaches.append(approach(solver, spin, eps))
-    return Painleve(
-        firsts=first_steps(solver, progress),
-        growths=pd.DataFrame([measured_growth(solver, gain) for gain in GAINS]),
-        fixed=fixed_time(solver),
-        catches=[caught(solver, h, rule) for rule in ("paper", "corrected") for h in STEPS],
-        outcomes=outcomes(solver, progress),
-        approaches=approaches,
-    )
+    firsts = [
+        {"motions": motions, "rule": rule, "eps": eps} for motions in CASES for rule, eps in RULES
+    ]
+    rules = ("paper", "corrected")
+    return [
+        Claim("firsts", partial(first_steps, solver), firsts),
+        claim_over("growths", partial(measured_growth, solver), gain=GAINS),
+        claim_over("fixed", partial(fixed_time, solver), gain=FIXED_GAINS, steps=FIXED_STEPS),
+        claim_over("catches", partial(caught, solver), rule=rules, h=STEPS),
+        claim_over("outcomes", partial(outcome, solver), motions=CASES, rule=rules),
+        claim_over("approaches", partial(approach, solver), spin=APPROACHES, eps=TOLERANCES),
+    ]
 
 
 class _End(NamedTuple):
@@ -343,8 +310,3 @@ def _amplified(e: ArrayLike) -> float:
     """Size of the last two over that of the first two."""
     first, second, *_, before, last = np.asarray(e, float)
     return float(np.hypot(before, last) / np.hypot(first, second))
-
-
-def _told(progress: Progress | None, what: str, number: int, count: int) -> None:
-    if progress is not None:
-        progress(what, number, count)

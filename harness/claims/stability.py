@@ -21,15 +21,15 @@ the rate D/α₀, α₀ = 1 or 3/2: where that is not well below 1 it halves the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from harness.progress import Progress
+from harness.results.claim import Claim
 from problems import Scene, simulate
 from problems.bodies.bodies import box
 from problems.bodies.forces import SpringDamper
@@ -190,33 +190,29 @@ def measured_run(solver: SolvesQPs, order: int, D: float, K: float) -> MeasuredR
     return MeasuredRun(order, D, K, run.q[:kept, 0, 0], STEP * run.v[:kept, 0, 0], eps)
 
 
-def check(
-    solver: SolvesQPs,
-    points: Sequence[tuple[int, float, float]],
-    progress: Progress | None = None,
-) -> pd.DataFrame:
-    """Runs of the stepper at points (order, D, K) beside the roots.
+def checked_run(solver: SolvesQPs, order: int, D: float, K: float) -> pd.DataFrame:
+    """A run of the stepper beside the roots, one row.
 
     Columns: order, D, K, border, amplification, steps, growth, residual.
     """
-    rows = []
-    for number, (order, D, K) in enumerate(points):
-        if progress is not None:
-            progress(f"r = {order}, D = {D:g}", number, len(points))
-        run = measured_run(solver, order, D, K)
-        rows.append(
-            {
-                "order": order,
-                "D": D,
-                "K": K,
-                "border": float(border(order, D)),
-                "amplification": float(amplification(order, D, K)),
-                "steps": run.steps,
-                "growth": run.growth,
-                "residual": run.residual,
-            }
-        )
-    return pd.DataFrame(rows)
+    run = measured_run(solver, order, D, K)
+    row = {
+        "order": order,
+        "D": D,
+        "K": K,
+        "border": float(border(order, D)),
+        "amplification": float(amplification(order, D, K)),
+        "steps": run.steps,
+        "growth": run.growth,
+        "residual": run.residual,
+    }
+    return pd.DataFrame([row])
+
+
+def sizes_of_run(solver: SolvesQPs, order: int, D: float, K: float) -> pd.DataFrame:
+    """√(u² + w²) after each step.  Columns: order, D, K, size."""
+    size = measured_run(solver, order, D, K).size
+    return pd.DataFrame({"size": size}).assign(order=order, D=D, K=K)
 
 
 def points_to_check() -> list[tuple[int, float, float]]:
@@ -229,3 +225,13 @@ def points_to_check() -> list[tuple[int, float, float]]:
         for share in (0.3, 0.97, 1.03)
     ]
     return undamped + damped
+
+
+def stability_claims(solver: SolvesQPs) -> list[Claim]:
+    """The runs on both sides of the border, "runs", and those at its "corners"."""
+    checked = [{"order": order, "D": D, "K": K} for order, D, K in points_to_check()]
+    corners = [{"order": order, "D": D, "K": K} for order in (1, 2) for D, K in CORNERS]
+    return [
+        Claim("runs", partial(checked_run, solver), checked),
+        Claim("corners", partial(sizes_of_run, solver), corners),
+    ]

@@ -15,7 +15,6 @@ import pandas as pd
 
 from harness.claims.reference_motion import Case, Reference, run_case
 from harness.motions.run_physics import energy, last_answers, loaded_gaps, overlap
-from harness.progress import Progress
 from problems import Run
 from problems.qp import Vector
 from problems.sequence import SolvesQPs
@@ -60,41 +59,33 @@ RULES = (
 )
 
 
-def compare_rules(
-    case: Case, reference: Reference, solver: SolvesQPs, tell: Progress
-) -> pd.DataFrame:
-    """Every rule at every ε.
+def compare_rules(case: Case, reference: Reference, solver: SolvesQPs, eps: float) -> pd.DataFrame:
+    """Every rule at one ε.
 
     Columns: scene, eps, rule, drift, tau [s]; depth = −min φ of active contacts [m]; overlap of any
     two parts [m]; gap, mean |φ| of the loaded contacts at the end [m]; pose, largest error before
     and after the first impact [m]; energy, T + V at the end less the reference's, over its largest
     T; steps, events; cpu [s] and its ratio to no rule.
     """
-    rows = []
-    total = len(TOLERANCES) * ROUNDS * len(RULES)
-    done = 0
-    for eps in TOLERANCES:
-        cpu = dict.fromkeys(RULES, np.inf)
-        runs: dict[Rule, Run] = {}
-        for _ in range(ROUNDS):
-            for rule in RULES:
-                tell(f"{case.label}, ε = {eps:g}, {rule.name}", done, total)
-                runs[rule], spent = run_case(case, solver, eps, **rule.options)
-                cpu[rule] = min(cpu[rule], spent)
-                done += 1
-        for rule, run in runs.items():
-            rows.append(
-                {
-                    "scene": case.label,
-                    "eps": eps,
-                    "rule": rule.name,
-                    "drift": rule.drift,
-                    "tau": rule.tau,
-                    **_measures(run, reference),
-                    "cpu": cpu[rule],
-                    "ratio": cpu[rule] / cpu[NONE],
-                }
-            )
+    cpu = dict.fromkeys(RULES, np.inf)
+    runs: dict[Rule, Run] = {}
+    for _ in range(ROUNDS):
+        for rule in RULES:
+            runs[rule], spent = run_case(case, solver, eps, **rule.options)
+            cpu[rule] = min(cpu[rule], spent)
+    rows = [
+        {
+            "scene": case.label,
+            "eps": eps,
+            "rule": rule.name,
+            "drift": rule.drift,
+            "tau": rule.tau,
+            **_measures(run, reference),
+            "cpu": cpu[rule],
+            "ratio": cpu[rule] / cpu[NONE],
+        }
+        for rule, run in runs.items()
+    ]
     return pd.DataFrame(rows)
 
 

@@ -7,18 +7,14 @@ painleve.md     the same with tables;  painleve_*.csv  their numbers
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
-from harness.claims.painleve import Approach, Caught, Painleve
+from harness.claims.painleve import Painleve
 from harness.claims.slide import growth
 from reports.claims.painleve_figure import LOOSE, TIGHT, plot_painleve
 from reports.parts.table import Table, power, scientific, short, whole, write_page
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 # --- tables ---------------------------------------------------------------------------------------
 
@@ -145,19 +141,13 @@ def fixed_table(fixed: pd.DataFrame) -> Table:
     )  # fmt: skip
 
 
-def catch_table(catches: Sequence[Caught]) -> Table:
+def catch_table(catches: pd.DataFrame) -> Table:
     """Runs with fixed steps until the slip has ended."""
-    data = pd.DataFrame(
-        {
-            "rule": run.rule,
-            "h": run.h,
-            "slip ends": run.end,
-            "÷ h": run.end / run.h,
-            "largest h λ": run.impulse.max(),
-            "error": run.error,
-        }
-        for run in catches
-    )
+    runs = catches.groupby(["rule", "h"], sort=False)
+    data = runs.agg(end=("end", "first"), impulse=("impulse", "max"), error=("error", "first"))
+    data = data.reset_index()
+    data.insert(3, "÷ h", data["end"] / data["h"])
+    data = data.rename(columns={"end": "slip ends", "impulse": "largest h λ"})
     paper = data[data["rule"] == "paper"].sort_values("h", ascending=False)
     steps = np.diff(paper["÷ h"].to_numpy())
     most = int(np.ceil(data.loc[data["rule"] == "corrected", "÷ h"].max()))
@@ -212,26 +202,16 @@ def outcome_table(outcomes: pd.DataFrame) -> Table:
     )  # fmt: skip
 
 
-def approach_table(approaches: Sequence[Approach]) -> Table:
+def approach_table(approaches: pd.DataFrame) -> Table:
     """Rods that rise towards γ = 1, by ε."""
-    data = pd.DataFrame(
-        {
-            "spin": run.spin,
-            "eps": run.eps,
-            "end": run.end,
-            "t": run.t,
-            "gain": run.gain[-1],
-            "B": run.free[-1],
-            "largest λ": run.lam,
-            "spin at 0.15": run.later,
-        }
-        for run in approaches
-    )
+    data = approaches.groupby(["spin", "eps"], sort=False).last().reset_index()
+    data = data[["spin", "eps", "end", "t", "gain", "free", "lam", "later"]]
+    data = data.rename(columns={"free": "B", "lam": "largest λ", "later": "spin at 0.15"})
     reached = data[data["gain"] > 0.99]["spin"].unique()
     ends = data[data["spin"].isin(reached)].groupby("spin")["end"]
     split = int((ends.nunique() > 1).sum())
     finest = data[data["eps"] == data["eps"].min()]
-    worst = min(run.free[run.gain > 1].min(initial=np.inf) for run in approaches)
+    worst = approaches.loc[approaches["gain"] > 1, "free"].min()
     left = int((finest[finest["spin"].isin(reached)]["end"] == "drop").sum())
     return Table(
         name="painleve_approach",

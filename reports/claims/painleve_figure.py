@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from harness.claims.painleve import Approach, Caught, Painleve
+from harness.claims.painleve import Painleve
 from harness.claims.slide import growth
 from reports.parts.style import (
     BLUE,
@@ -26,8 +26,6 @@ from reports.parts.style import (
 from reports.parts.table import power
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from matplotlib.axes import Axes
 
 LOOSE, TIGHT = 1e-3, 1e-9
@@ -88,29 +86,29 @@ def _draw_growth(axes: Axes, growths: pd.DataFrame) -> None:
     axes.grid(True)
 
 
-def _draw_catches(axes: Axes, catches: Sequence[Caught]) -> None:
-    runs = [run for run in catches if run.rule == "paper"]
+def _draw_catches(axes: Axes, catches: pd.DataFrame) -> None:
+    paper = catches[catches["rule"] == "paper"]
     colours = (ORANGE, SKY, GREEN, PURPLE, BLUE, VERMILLION, INK)
-    for run, colour in zip(runs, colours, strict=False):
-        axes.semilogx(run.t[1:], run.slip[1:], color=colour, marker=".", markersize=3.5)
+    for (h, run), colour in zip(paper.groupby("h", sort=False), colours, strict=False):
+        axes.semilogx(run["t"][1:], run["slip"][1:], color=colour, marker=".", markersize=3.5)
         axes.annotate(
-            power(run.h), (run.end, 0.0), xytext=(0, -10),
+            power(h), (run["end"].iloc[0], 0.0), xytext=(0, -10),
             textcoords="offset points", ha="center", fontsize=7.5, color=colour,
         )  # fmt: skip
     axes.set_ylim(-0.14, 1.06)
-    steps = [run.h for run in runs]
-    axes.set_title(f"slip by the paper's rule, h = {power(max(steps))} … {power(min(steps))}")
+    steps = f"{power(paper['h'].max())} … {power(paper['h'].min())}"
+    axes.set_title(f"slip by the paper's rule, h = {steps}")
     axes.set_xlabel("t [s]")
     axes.set_ylabel("slip [m/s]")
     axes.grid(True)
 
 
-def _draw_approaches(axes: Axes, approaches: Sequence[Approach]) -> None:
-    finest = min(run.eps for run in approaches)
-    runs = [run for run in approaches if run.eps == finest]
-    for run, colour in zip(runs, (ORANGE, SKY, GREEN, PURPLE, BLUE), strict=False):
-        axes.plot(run.gain, run.free, color=colour, linewidth=1.2, label=f"{run.spin:g} rad/s")
-        axes.plot(run.gain[-1], run.free[-1], "o", color=colour, markersize=4)
+def _draw_approaches(axes: Axes, approaches: pd.DataFrame) -> None:
+    finest = approaches["eps"].min()
+    runs = approaches[approaches["eps"] == finest].groupby("spin", sort=False)
+    for (spin, run), colour in zip(runs, (ORANGE, SKY, GREEN, PURPLE, BLUE), strict=False):
+        axes.plot(run["gain"], run["free"], color=colour, linewidth=1.2, label=f"{spin:g} rad/s")
+        axes.plot(run["gain"].iloc[-1], run["free"].iloc[-1], "o", color=colour, markersize=4)
     axes.axhline(0.0, color=SOFT, linewidth=0.7)
     axes.axvline(1.0, color=SOFT, linewidth=0.7)
     low, high = axes.get_ylim()

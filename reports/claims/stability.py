@@ -6,14 +6,14 @@ stability.md     the same as a page, with the table of runs
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
-from harness.claims.stability import CORNERS, MeasuredRun, border, region
+from harness.claims.stability import CORNERS, border, region
+from problems.qp import Vector
 from reports.parts.style import (
     BLUE,
     FAINT,
@@ -65,7 +65,7 @@ def runs_table(checked: pd.DataFrame) -> Table:
     )  # fmt: skip
 
 
-def plot_stability(checked: pd.DataFrame, corners: Sequence[MeasuredRun], path: Path) -> Path:
+def plot_stability(checked: pd.DataFrame, corners: pd.DataFrame, path: Path) -> Path:
     """The two regions with the runs on them, and the runs at the corners."""
     with drawing() as Figure:
         figure = Figure(figsize=(PAGE_WIDTH, 3.1), layout="constrained")
@@ -74,15 +74,15 @@ def plot_stability(checked: pd.DataFrame, corners: Sequence[MeasuredRun], path: 
             _draw_region(axes, order, checked[checked["order"] == order])
         second.sharey(first)
         first.set_ylabel("K = h² k")
-        for run in corners:
+        for (order, _), run in corners.groupby(["order", "K"], sort=False):
             last.plot(
-                run.size, color=BLUE if run.order == 1 else GREEN, linewidth=1.4,
-                linestyle="-" if run.order == 1 else (0, (4, 2)), label=f"r = {run.order}",
+                _sizes(run), color=BLUE if order == 1 else GREEN, linewidth=1.4,
+                linestyle="-" if order == 1 else (0, (4, 2)), label=f"r = {order}",
             )  # fmt: skip
-        for K in sorted({run.K for run in corners}):
-            top = max((run for run in corners if run.K == K), key=lambda run: run.size[-1])
+        for K, runs in corners.groupby("K"):
+            top = max((_sizes(run) for _, run in runs.groupby("order")), key=lambda run: run[-1])
             last.annotate(
-                f"K = {K:g}", (0.8 * top.steps, 0.8 * top.size[-1]), xytext=(-4, 4),
+                f"K = {K:g}", (0.8 * (top.size - 1), 0.8 * top[-1]), xytext=(-4, 4),
                 textcoords="offset points", ha="right", fontsize=7.5,
             )  # fmt: skip
         lines, labels = last.get_legend_handles_labels()
@@ -121,18 +121,23 @@ def _draw_region(axes: Axes, order: int, runs: pd.DataFrame) -> None:
     )
 
 
-def write_stability(
-    checked: pd.DataFrame, corners: Sequence[MeasuredRun], folder: str | Path
-) -> Path:
+def _sizes(run: pd.DataFrame) -> Vector:
+    """Size of the motion at the start and after each step."""
+    return run["size"].to_numpy()
+
+
+def write_stability(checked: pd.DataFrame, corners: pd.DataFrame, folder: str | Path) -> Path:
     """Write stability.md, the table and the figure; return the page."""
     folder = Path(folder)
     plot_stability(checked, corners, folder / "stability.png")
     table = runs_table(checked)
-    linear = ", ".join(
-        f"r = {run.order}, K = {run.K:g}: {run.size[run.steps // 2]:.0f} after {run.steps // 2} "
-        f"steps, {run.size[-1]:.0f} after {run.steps}"
-        for run in corners
-    )
+    said = []
+    for (order, K), run in corners.groupby(["order", "K"], sort=False):
+        size, steps = _sizes(run), len(run) - 1
+        said.append(
+            f"r = {order}, K = {K:g}: {size[steps // 2]:.0f} after {steps // 2} steps, "
+            f"{size[-1]:.0f} after {steps}"
+        )
     return write_page(
         folder / "stability.md",
         "# Stability of the compound methods\n\n"
@@ -143,6 +148,6 @@ def write_stability(
         "grow, where its iteration for the damper (3.9) converges to a useful tolerance in twelve "
         "passes. Squares: corners with a double root of size 1.\n\n"
         "![Stability regions](stability.png)\n\n"
-        f"At the corners runs grow linearly: {linear}.\n\n" + table.to_markdown(),
+        f"At the corners runs grow linearly: {', '.join(said)}.\n\n" + table.to_markdown(),
         [table],
     )

@@ -13,9 +13,9 @@ from harness.claims.convergence import (
     NO_FIT,
     ROUNDING,
     Converged,
+    convergence_claims,
     exponents,
     fit,
-    measure_convergence,
 )
 from harness.claims.reference_motion import (
     STOCK,
@@ -27,6 +27,7 @@ from harness.claims.reference_motion import (
 )
 from harness.claims.stabilization import NONE, Rule
 from harness.peers.ours import BOUNDED
+from harness.results.claim import measure
 from problems import scene
 from reports.claims.convergence import convergence_tables, exponent, write_convergence
 from reports.parts.table import short
@@ -42,14 +43,19 @@ RULES = (
 LABEL = "tower,bodies=3,lean=0.1"
 
 
+def converged(label: str, folder: Path) -> Converged:
+    """The campaign on one scene."""
+    return Converged(**measure(convergence_claims([label], make_solver("lotstedt")), folder))
+
+
 @pytest.fixture(scope="module")
-def measured() -> Converged:
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Converged:
     """A small campaign: an impact, drift, and a reference that is coarse, but fine enough."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("harness.claims.convergence.SWEEP", (1e-3, 1e-4, 1e-5))
         patch.setattr("harness.claims.reference_motion.REFERENCE", 1e-7)
         patch.setattr("harness.claims.stabilization.RULES", RULES)
-        return measure_convergence([LABEL], make_solver("lotstedt"))
+        return converged(LABEL, tmp_path_factory.mktemp("convergence"))
 
 
 # --- fits -----------------------------------------------------------------------------------------
@@ -160,7 +166,7 @@ def test_no_drift_is_said(tmp_path: Path) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("harness.claims.convergence.SWEEP", (1e-2, 1e-3, 1e-4))
         patch.setattr("harness.claims.reference_motion.REFERENCE", 1e-4)
-        still = measure_convergence(["wall,bodies=3"], make_solver("lotstedt"))
+        still = converged("wall,bodies=3", tmp_path)
     table = drift_table(still.drifted)
     assert table.data.empty
     assert table.notes == ["No drift above rounding: wall,bodies=3."]

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from glambda.display import print_run
-from harness.claims.painleve import Painleve, measure_painleve
+from harness.claims.painleve import Painleve, painleve_claims
 from harness.claims.slide import STEEPEST, Slide, growth, rod_of_gain, slide_of
+from harness.results.claim import measure
 from problems import Run, scene, simulate
 from problems.contacts.assembly import Assembly
 from problems.friction.passes import largest_gain
@@ -151,14 +152,15 @@ def test_growth_reaches_one_at_the_ends_of_its_interval() -> None:
 
 
 @pytest.fixture(scope="module")
-def measured() -> Painleve:
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Painleve:
     """The study with fewer lengths, spins and tolerances."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("harness.claims.painleve.STEPS", (1e-4, 1e-5, 1e-6, 1e-7))
         patch.setattr("harness.claims.painleve.GAINS", (-0.4, -0.3, 0.9, 1.2, 2.0))
         patch.setattr("harness.claims.painleve.APPROACHES", (2.0, 3.0))
         patch.setattr("harness.claims.painleve.TOLERANCES", (1e-3, 1e-4))
-        return measure_painleve(make_solver("lotstedt"))
+        claims = painleve_claims(make_solver("lotstedt"))
+        return Painleve(**measure(claims, tmp_path_factory.mktemp("painleve")))
 
 
 def test_the_first_step_does_not_blow_up(measured: Painleve) -> None:
@@ -197,11 +199,12 @@ def test_over_a_fixed_time_it_grows_without_limit_where_no_motion_exists(
 
 
 def test_both_rules_tend_to_the_impulse_without_a_collision(measured: Painleve) -> None:
+    catches = measured.catches.groupby(["rule", "h"], sort=False).first()
     for rule in ("paper", "corrected"):
-        runs = [run for run in measured.catches if run.rule == rule]
-        errors = np.array([run.error for run in runs])
+        errors = catches.loc[rule, "error"].to_numpy()
         assert (errors[1:] < 0.2 * errors[:-1]).all() and errors[-1] < 2e-5
-    steps = [run.end / run.h for run in measured.catches if run.rule == "paper"]
+    paper = catches.loc["paper"]
+    steps = paper["end"] / paper.index
     np.testing.assert_allclose(np.diff(steps), np.log(10) / np.log(growth(1.2)), rtol=0.05)
 
 
@@ -220,10 +223,10 @@ def test_what_becomes_of_the_rod(measured: Painleve) -> None:
 
 def test_no_motion_crosses_a_gain_of_one_where_it_would_be_lost(measured: Painleve) -> None:
     """Beyond γ = 1 there is none while B < 0."""
-    for run in measured.approaches:
-        assert run.free[run.gain > 1.001].min(initial=0.0) > -0.05, (run.spin, run.eps)
-        assert run.lam < 100
-    spins = {run.spin: run.gain.max() for run in measured.approaches}
+    beyond = measured.approaches[measured.approaches["gain"] > 1.001]
+    assert len(beyond) and (beyond["free"] > -0.05).all()
+    assert (measured.approaches["lam"] < 100).all()
+    spins = measured.approaches.groupby("spin")["gain"].max()
     assert spins[2.0] < 0.99 < 1 < spins[3.0]
 
 

@@ -1,0 +1,164 @@
+"""A claim and the rows that it is judged by: measured unit by unit, stored, and read back.
+
+    RESULTS/<claim>/<unit>.parquet
+
+Whatever is measured on the method goes the same way: a claim names its units of work, each unit
+gives rows, and a report makes its verdict of the rows.
+
+1. The rows of a unit are stored as soon as they are there, so that the same call continues after an
+   interruption.
+2. A file (`harness.files.sealed_parquet`) says of itself which claim and unit it is of, and which
+   code and machine it was made by.  Rows of others are refused: they may not be mixed.
+3. What is given back is read from the files, never from memory.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from harness.files.folder_lock import sole_writer
+from harness.files.sealed_parquet import check_layout, parquet_bytes, read_parquet, said_of_itself
+from harness.files.whole_files import write_whole
+from harness.machine.machine import machine_label, problems_version, solver_version, source_hash
+from harness.names import METHOD
+from harness.progress import Progress
+from harness.results.store import StoreError
+from problems.kernels.sources import sources
+
+FORMAT_VERSION = 1
+ABOUT_LIMIT = 100_000
+"""Longest text that a file says of itself [bytes]."""
+TYPES = {"i": pa.int64(), "f": pa.float64(), "b": pa.bool_()}
+"""Of columns, by the kind of their numbers; all others hold text."""
+LEAST = {pa.int64(): 8, pa.float64(): 8, pa.bool_(): 0, pa.string(): 4}
+"""Bytes that a value takes at least, by the type of its column."""
+
+Unit = Mapping[str, Any]
+"""What a unit is about, as JSON has it: parameters of the function that makes its rows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Claim:
+    """Something that is claimed of the method, and how it is measured.
+
+    name : folder of its rows;  rows : called with what a unit names, gives that unit's rows
+    units : in the order of the rows;  solvers : whose versions the rows depend on
+    """
+
+    name: str
+    rows: Callable[..., pd.DataFrame]
+    units: Sequence[Unit]
+    solvers: Sequence[str] = (METHOD,)
+
+    @cached_property
+    def made_by(self) -> dict[str, str]:
+        """Versions and machine.  Raises ImportError for an absent package."""
+        rows: Any = self.rows
+        while isinstance(rows, partial):
+            rows = rows.func
+        own = sources([Path(inspect.getfile(rows))], ["harness"])
+        return {
+            "problems": problems_version(),
+            **{solver: solver_version(solver) for solver in self.solvers},
+            "harness": source_hash(own),
+            "machine": machine_label(),
+        }
+
+    def path(self, folder: Path, unit: Unit) -> Path:
+        """Where the rows of a unit are kept."""
+        name = "__".join(re.sub(r"[^\w.,=+-]+", "_", str(value)) for value in unit.values())
+        return folder / self.name / f"{name}.parquet"
+
+    def store(self, folder: Path, unit: Unit) -> None:
+        """Measure a unit and keep its rows, at once or not at all."""
+        rows = self.rows(**unit)
+        columns = {
+            str(name): pa.array(column.to_numpy(), TYPES.get(column.dtype.kind, pa.string()))
+            for name, column in rows.items()
+        }
+        content = parquet_bytes(pa.table(columns), json.dumps(self._about(unit)))
+        write_whole(self.path(folder, unit), content)
+
+    def load(self, folder: Path, unit: Unit) -> pd.DataFrame | None:
+        """The rows of a unit as they are stored, or None where there are none.
+
+        Raises StoreError, one line, for a damaged file and for rows of another unit, of other code
+        or of another machine.
+        """
+        path, wanted = self.path(folder, unit), self._about(unit)
+        if not path.exists():
+            return None
+
+        def wrong(what: str) -> StoreError:
+            return StoreError(" ".join(f"{path}: {what}; delete it and run again".split()))
+
+        def check(file: pq.ParquetFile, size: int) -> None:
+            said = said_of_itself(file, wrong) or {}
+            for name, value in wanted.items():
+                if said.get(name) != value:
+                    raise StoreError(
+                        f"{path}: made with {name} {str(said.get(name))[:100]!r}, now {value!r}; "
+                        "results may not be mixed: use another folder, or delete this file"
+                    )
+            kinds = dict(zip(file.schema_arrow.names, file.schema_arrow.types, strict=True))
+            if not set(kinds.values()) <= set(LEAST):
+                raise wrong("has columns of neither numbers nor text")
+            check_layout(file, size, kinds, sum(LEAST[kind] for kind in kinds.values()), wrong)
+
+        _, table = read_parquet(path, check, wrong, metadata_limit=ABOUT_LIMIT)
+        return table.to_pandas()
+
+    def _about(self, unit: Unit) -> dict[str, Any]:
+        """What a file says of itself."""
+        return {
+            "format_version": FORMAT_VERSION,
+            "claim": self.name,
+            "unit": dict(unit),
+            **self.made_by,
+        }
+
+
+def claim_over(name: str, rows: Callable[..., pd.DataFrame], **ranges: Iterable[Any]) -> Claim:
+    """A claim with a unit for each combination of values, the last name varying fastest."""
+    units = [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
+    return Claim(name, rows, units)
+
+
+def measure(
+    claims: Sequence[Claim], folder: str | Path, progress: Progress | None = None
+) -> dict[str, pd.DataFrame]:
+    """Measure what is not in the folder yet; all rows of each claim, by its name.
+
+    Raises StoreError as `Claim.load` does, and Locked where another process writes there.
+    """
+    folder = Path(folder)
+    done, total = 0, sum(len(claim.units) for claim in claims)
+    found = {}
+    for claim in claims:
+        parts = []
+        with sole_writer(folder, claim.name):
+            for unit in claim.units:
+                if claim.load(folder, unit) is None:
+                    if progress is not None:
+                        said = ", ".join(str(value) for value in unit.values())
+                        progress(f"{claim.name}: {said}", done, total)
+                    claim.store(folder, unit)
+                parts.append(claim.load(folder, unit))
+                done += 1
+        there = [part for part in parts if part is not None]
+        # columns alone, where no unit has a row
+        whole = [part for part in there if len(part)] or there[:1]
+        found[claim.name] = pd.concat(whole, ignore_index=True)
+    return found
