@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -20,7 +21,7 @@ def write_in_place(path, content):
 
 kill.whole_files.open = open
 harness.results.store.write_whole = harness.recordings.recording.write_whole = write_in_place
-sys.exit(kill.main(["--operations=3", "--seed=2", "--random=0", "--isolated=0"]))
+sys.exit(kill.main(["--operations=3", "--seed=4", "--random=0", "--isolated=0"]))
 """
 
 
@@ -39,4 +40,4 @@ def test_a_killed_study_goes_on_to_the_same_end() -> None:
 def test_writing_in_place_would_be_noticed() -> None:
     run = benchmark("-c", IN_PLACE)
     assert run.returncode == 1, run.stdout + run.stderr
-    assert "FAILED: killed at half a write" in run.stdout
+    assert re.search("FAILED: killed at (open|half a write): half written", run.stdout)
