@@ -24,7 +24,7 @@ not repeated.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import exp, inf, nan
 from typing import Any, NamedTuple
 
@@ -51,9 +51,6 @@ MOST_ROWS = 32
 TURNS, SLOW = 3, 0.05
 
 COLUMNS = ("source", "arm", "k", "sets", "seconds", "directions", "method_seconds")
-
-Progress = Callable[[int], None]
-"""Called with the size that is next."""
 
 
 class Fit(NamedTuple):
@@ -85,13 +82,11 @@ def recorded(recording: Recording) -> pd.DataFrame:
     return pd.concat(frames, ignore_index=True)
 
 
-def randomly(progress: Progress | None = None, sizes: Sequence[int] = SIZES) -> pd.DataFrame:
+def randomly(sizes: Sequence[int] = SIZES) -> pd.DataFrame:
     """Both methods on random QPs, cold, size by size, until half of a size are given up."""
     rows = []
     with one_thread():
         for k in sizes:
-            if progress is not None:
-                progress(k)
             rng = np.random.default_rng(k)
             qps = [random_qp(k, rng) for _ in range(PER_SIZE)]
             given_up = 0

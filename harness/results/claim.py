@@ -152,8 +152,8 @@ def measure(
             for unit in claim.units:
                 if claim.load(folder, unit) is None:
                     if progress is not None:
-                        said = ", ".join(str(value) for value in unit.values())
-                        progress(f"{claim.name}: {said}", done, total)
+                        first = next(iter(unit.values()))
+                        progress(f"{claim.name}: {first}", done, total)
                     claim.store(folder, unit)
                 parts.append(claim.load(folder, unit))
                 done += 1

@@ -14,7 +14,6 @@ from typing import Any
 import pandas as pd
 
 from harness.criterion.cost_model import optimal_interval
-from harness.criterion.examination import Examination
 from harness.criterion.minimum_norm_ways import LOOSE, MinimumNormWays
 from reports.parts.sentences import join
 from reports.parts.table import Table, percent, scientific, short, whole
@@ -25,10 +24,10 @@ WAYS = ("QR per pass", "QR per step", "R anew", "R kept", "paper")
 """Columns of the table that hold flops."""
 
 
-def minimum_norm_table(examination: Examination) -> Table:
+def minimum_norm_table(ways: Sequence[MinimumNormWays]) -> Table:
     """Flops, iterations and errors of both ways, by recording."""
-    there = [one for one in examination.minimum_norm if len(one.cases)]
-    rows = [_row(one) for one in examination.minimum_norm]
+    there = [one for one in ways if len(one.cases)]
+    rows = [_row(one) for one in ways]
     return Table(
         name="criterion_minimum_norm",
         title="Minimum norm (4.8): a QR per step, or an old one with conjugate gradients",
@@ -52,7 +51,7 @@ def minimum_norm_table(examination: Examination) -> Table:
             **dict.fromkeys(["√", "c", "r"], short),
             **dict.fromkeys(["error QR", "error CG"], scientific),
         },
-        notes=_notes(there) + _absent(examination.minimum_norm),
+        notes=_notes(there) + _absent(ways),
     )
 
 

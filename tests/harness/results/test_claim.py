@@ -70,7 +70,7 @@ def test_what_is_there_is_not_measured_again(tmp_path: Path) -> None:
     told: list[tuple[str, float, float]] = []
     measure([claim(interrupted)], tmp_path, lambda *what: told.append(what))
     assert asked == ["fig2", "wall,bodies=3", "wall,bodies=3"]
-    assert told == [("it: wall,bodies=3, 0.30000000000000004", 1, 2)]
+    assert told == [("it: wall,bodies=3", 1, 2)]
     again = measure([Claim("it", never, UNITS)], tmp_path)["it"]
     assert len(again) == 6
 
