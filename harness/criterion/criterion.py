@@ -99,7 +99,7 @@ def rule_runs(recording: Recording, repeats: int = 5) -> pd.DataFrame:
             if s == inf or s < longest:
                 bench.first(fixed(s), swept=True)
         first = bench.runs[0]
-        if first.interval != 1 or not first.counted.any():
+        if not first.counted.any():
             return pd.DataFrame()
         known = prediction(recording.scene, bench.runs)
         for name in known.intervals:
@@ -117,7 +117,7 @@ def rule_runs(recording: Recording, repeats: int = 5) -> pd.DataFrame:
         ):
             bench.first(rule)
         bench.repeat()
-    return pd.concat([run.rows for run in bench.runs], ignore_index=True)
+    return pd.concat([run.steps for run in bench.runs], ignore_index=True)
 
 
 def moves(recording: Recording) -> pd.DataFrame:
@@ -141,10 +141,10 @@ class _Bench:
         """Run a rule for its counts, and once for its times."""
         steps = drive(self.links, rule)
         counted = self.runs[0].counted if self.runs else steps["warm"] & (steps["f"] > 0)
-        steps["counted"] = counted
         interval = nan if rule.interval is None else rule.interval
+        told = {"rule": rule.name, "interval": interval, "keeps_R": rule.keeps_R, "swept": swept}
         self.rules.append(rule)
-        self.runs.append(Run(rule.name, interval, rule.keeps_R, swept, steps))
+        self.runs.append(Run(steps.assign(counted=counted, **told)))
 
     def repeat(self) -> None:
         """Run everything again, in turn, and keep the least time of each QP."""

@@ -50,7 +50,7 @@ MOST_ROWS = 32
 """Rows beyond which enumeration takes no QP."""
 TURNS, SLOW = 3, 0.05
 
-COLUMNS = ("source", "arm", "k", "sets", "seconds", "directions", "method_seconds")
+COLUMNS = ("arm", "k", "sets", "seconds", "directions", "method_seconds")
 
 
 class Fit(NamedTuple):
@@ -63,7 +63,7 @@ class Fit(NamedTuple):
 def recorded(recording: Recording) -> pd.DataFrame:
     """Both methods on the QPs of a recording, cold and warm; one row per QP and arm.
 
-    Columns: source (the scene), arm, k, sets (NaN: given up), seconds, directions and
+    Columns: arm, k, sets (NaN: given up), seconds, directions and
     method_seconds of `lotstedt`.
     """
     frames = []
@@ -77,7 +77,7 @@ def recorded(recording: Recording) -> pd.DataFrame:
                 if 0 < k <= MOST_ROWS and tried < TOTAL_SETS:
                     sets, seconds = _guess(qp, start)
                     tried += MOST_SETS if np.isnan(sets) else int(sets)
-                    rows.append((recording.scene, arm, k, sets, seconds, *counted))
+                    rows.append((arm, k, sets, seconds, *counted))
             frames.append(_frame(rows))
     return pd.concat(frames, ignore_index=True)
 
@@ -92,7 +92,7 @@ def randomly(sizes: Sequence[int] = SIZES) -> pd.DataFrame:
             given_up = 0
             for qp, counted in zip(qps, _method_runs(qps, False), strict=True):
                 sets, seconds = _guess(qp, None)
-                rows.append(("random", "cold", k, sets, seconds, *counted))
+                rows.append(("cold", k, sets, seconds, *counted))
                 given_up += np.isnan(sets)
                 if given_up >= PER_SIZE / 2:
                     return _frame(rows)
@@ -115,7 +115,7 @@ def moving(qp: ContactQP) -> int:
 
 def medians(rows: pd.DataFrame) -> pd.DataFrame:
     """Medians by k; a QP that was given up counts as more than any other, inf where half are."""
-    return rows.fillna({"sets": inf, "seconds": inf}).groupby("k")[list(COLUMNS[3:])].median()
+    return rows.fillna({"sets": inf, "seconds": inf}).groupby("k")[list(COLUMNS[2:])].median()
 
 
 def fit_base(rows: pd.DataFrame, column: str) -> Fit:
@@ -155,7 +155,7 @@ def _guess(qp: ContactQP, start: Solution | None) -> tuple[float, float]:
 def _frame(rows: list[tuple[Any, ...]]) -> pd.DataFrame:
     """Numbers stay numbers where there is no row."""
     return pd.DataFrame(rows, columns=list(COLUMNS)).astype(
-        {"k": int, **dict.fromkeys(COLUMNS[3:], float)}
+        {"k": int, **dict.fromkeys(COLUMNS[2:], float)}
     )
 
 

@@ -10,7 +10,7 @@ through `harness.results.claim`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -25,11 +25,8 @@ from harness.criterion.kept_factors import KINDS, kept_factors
 from harness.criterion.minimum_norm_ways import MinimumNormWays, case_rows, redundant, way_rows
 from harness.names import METHOD
 from harness.recordings.recording import Recording
-from harness.results.claim import Claim
+from harness.results.claim import Claim, Row, Rows
 from solvers import describe
-
-Examiner = Callable[..., pd.DataFrame]
-"""Makes rows of a recording."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,14 +82,16 @@ def criterion_claims(recordings: Sequence[Recording], repeats: int = 5) -> list[
     ]
 
 
-def examination_claims(
-    recordings: Sequence[Recording], sizes: Sequence[int] = SIZES
-) -> list[Claim]:
-    """The claims besides the criterion; `sizes` are those of the random QPs."""
+def examination_claims(recordings: Sequence[Recording], largest: int = SIZES[-1]) -> list[Claim]:
+    """The claims besides the criterion; `largest` is the most rows of a random QP."""
     looked = cache(redundant)
 
-    def examined(recording: Recording) -> pd.DataFrame:
-        return pd.DataFrame([looked(recording)[:2]], columns=["calls", "examined"])
+    def examined(recording: Recording) -> list[Row]:
+        calls, examined, _ = looked(recording)
+        return [{"calls": calls, "examined": examined}]
+
+    def random(largest: int) -> pd.DataFrame:
+        return randomly([size for size in SIZES if size <= largest])
 
     packages = [
         name for name in dict.fromkeys(k.package for k in KINDS) if describe(name).available
@@ -103,7 +102,7 @@ def examination_claims(
         _claim("ages", ages, recordings),
         _claim("accuracy", accuracy_of, recordings),
         _claim("enumeration", recorded, recordings),
-        Claim("random", randomly, [{"sizes": list(sizes)}]),
+        Claim("random", random, [{"largest": largest}]),
         _claim("redundant", lambda recording: case_rows(looked(recording)[2]), recordings),
         _claim("minimum_norm", lambda recording: way_rows(looked(recording)[2]), recordings),
         _claim("kept", kept_factors, recordings, solvers=(METHOD, *packages)),
@@ -112,7 +111,7 @@ def examination_claims(
 
 def _claim(
     name: str,
-    examiner: Examiner,
+    examiner: Rows,
     recordings: Sequence[Recording],
     solvers: Sequence[str] = (METHOD,),
     **options: Any,
@@ -120,8 +119,8 @@ def _claim(
     """A claim with a unit for each recording."""
     known = {recording.digest: recording for recording in recordings}
 
-    def rows(scene: str, digest: str, **options: Any) -> pd.DataFrame:
-        return examiner(known[digest], **options).assign(scene=scene, digest=digest)
+    def rows(scene: str, digest: str, **options: Any) -> Any:
+        return examiner(known[digest], **options)
 
     units = [{"scene": one.scene, "digest": digest, **options} for digest, one in known.items()]
     return Claim(name, rows, units, solvers)

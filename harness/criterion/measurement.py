@@ -33,31 +33,29 @@ BLOCK = 10
 
 @dataclass(eq=False)
 class Run:
-    """What came of one rule.
+    """What came of one rule: its rows in `harness.criterion.criterion.rule_runs`."""
 
-    interval : NaN for a rule that has none;  swept : whether it is one of those tried on purpose
-    keeps_R : whether conjugate gradients work with an R at every size
-    steps : one row per QP of the sequence: place, chain, warm, age (QPs since the factorization),
-        the work counts, m, f, counted (whether it counts in the means) and runtime [s]
-    """
-
-    name: str
-    interval: float
-    keeps_R: bool
-    swept: bool
     steps: pd.DataFrame
+
+    @property
+    def name(self) -> str:
+        """Of the rule."""
+        return str(self.steps["rule"].iloc[0])
+
+    @property
+    def interval(self) -> float:
+        """NaN for a rule that has none."""
+        return float(self.steps["interval"].iloc[0])
+
+    @property
+    def keeps_R(self) -> bool:
+        """Whether conjugate gradients work with an R at every size."""
+        return bool(self.steps["keeps_R"].iloc[0])
 
     @property
     def counted(self) -> pd.Series:
         """(n,) the QPs that means are taken over."""
         return self.steps["counted"]
-
-    @property
-    def rows(self) -> pd.DataFrame:
-        """The steps with what tells this run from others."""
-        return self.steps.assign(
-            rule=self.name, interval=self.interval, keeps_R=self.keeps_R, swept=self.swept
-        )
 
     def mean(self, column: str, chosen: NDArray[np.bool_] | None = None) -> float:
         """Mean of a column over the counted QPs, or those `chosen` among all."""
@@ -85,20 +83,15 @@ class Prediction(NamedTuple):
     """What the cost model says, from runs of fixed intervals.
 
     criterion : counted C_QR and C_IT;  growth : c and r, or None
+    c, r : those for the model, where iterations do not fall with age
     longest : QPs of the longest stretch between restarts
     """
 
     criterion: Criterion
     growth: Growth | None
+    c: float
+    r: float
     longest: int
-
-    @property
-    def c(self) -> float:
-        return 1.0 if self.growth is None else self.growth.prediction()[0]
-
-    @property
-    def r(self) -> float:
-        return 0.0 if self.growth is None else self.growth.prediction()[1]
 
     @property
     def intervals(self) -> dict[str, float]:
@@ -120,8 +113,10 @@ def prediction(scene: str, swept: Sequence[Run]) -> Prediction:
     steps = swept[0].steps
     sizes = steps.loc[steps["counted"], list(UnitCosts._fields)]
     costs = map(UnitCosts._make, sizes.itertuples(index=False))
+    growth = growth_of(swept)
+    c, r = growth.prediction() if growth is not None else (1.0, 0.0)
     longest = int(steps["chain"].value_counts().max())
-    return Prediction(criterion_of_costs(scene, costs), growth_of(swept), longest)
+    return Prediction(criterion_of_costs(scene, costs), growth, c, r, longest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,10 +183,11 @@ def measurements(runs: pd.DataFrame, drift: pd.DataFrame) -> list[Measurement]:
 
 
 def _measurement(rows: pd.DataFrame, drift: pd.DataFrame) -> Measurement:
-    runs = [_run(part) for _, part in rows.groupby("rule", sort=False)]
+    groups = rows.groupby("rule", sort=False)
+    runs = [Run(part.reset_index(drop=True)) for _, part in groups]
     sweep = {run.interval: run for run in runs if not np.isnan(run.interval)}
     scene = str(rows["scene"].iloc[0])
-    known = prediction(scene, [run for run in runs if run.swept])
+    known = prediction(scene, [run for run in runs if run.steps["swept"].all()])
     named = {run.name: run for run in runs} | {"always": sweep[1], "never": sweep[inf]}
     named |= {f"s* {name}": sweep[known.whole(name)] for name in known.intervals}
     kept = [run for run in runs if run.keeps_R]
@@ -209,12 +205,6 @@ def _measurement(rows: pd.DataFrame, drift: pd.DataFrame) -> Measurement:
         drift=drift.reset_index(drop=True),
         exponent=predicted_exponent(drift),
     )
-
-
-def _run(rows: pd.DataFrame) -> Run:
-    first = rows.iloc[0]
-    what = str(first["rule"]), float(first["interval"]), bool(first["keeps_R"])
-    return Run(*what, bool(first["swept"]), rows.reset_index(drop=True))
 
 
 def growth_of(runs: Sequence[Run]) -> Growth | None:

@@ -70,7 +70,7 @@ def enumeration_table(examination: Examination) -> Table:
 def _recorded_notes(recorded: pd.DataFrame) -> list[str]:
     """What guessing costs on the recordings, and when its guess is poor."""
     notes, worse = [], []
-    for scene, one in recorded.groupby("source", sort=False):
+    for scene, one in recorded.groupby("scene", sort=False):
         cold, warm = one[one["arm"] == "cold"], one[one["arm"] == "warm"]
         if (warm["sets"] == 1).mean() < (cold["sets"] == 1).mean():
             worse.append(str(scene))

@@ -24,7 +24,7 @@ SMALLER: dict[str, Any] = {
     "harness.criterion.criterion.ENOUGH": 1e-3,
     "harness.criterion.kept_factors.INTERVALS": (1, 5),
     "harness.criterion.kept_factors.LONGEST": 10,
-    "harness.criterion.examination.examination_claims": partial(examination_claims, sizes=(1, 2)),
+    "harness.criterion.examination.examination_claims": partial(examination_claims, largest=2),
     "harness.claims.painleve.STEPS": (1e-4, 1e-5, 1e-6),
     "harness.claims.painleve.APPROACHES": (2.0, 3.0),
     "harness.claims.painleve.TOLERANCES": (1e-3, 1e-4),

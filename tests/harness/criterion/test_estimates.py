@@ -243,7 +243,6 @@ def test_a_long_recording_is_used_from_its_beginning(monkeypatch: pytest.MonkeyP
 def frame(k: list[int], sets: list[float], directions: float = 2.0) -> pd.DataFrame:
     return pd.DataFrame(
         {
-            "source": "random",
             "arm": "cold",
             "k": k,
             "sets": sets,
@@ -340,7 +339,7 @@ def examined() -> Examination:
         patch.setattr("harness.criterion.kept_factors.INTERVALS", (1, 5))
         patch.setattr("harness.criterion.kept_factors.LONGEST", 30)
         recordings = [short_recording("fig4", 80), short_recording("fig5", 80)]
-        return Examination(**measure(examination_claims(recordings, (1, 2, 3, 5)), folder))
+        return Examination(**measure(examination_claims(recordings, largest=5), folder))
 
 
 def tables(examination: Examination) -> dict[str, Table]:
@@ -403,7 +402,7 @@ def test_what_is_missing_is_told() -> None:
 def test_a_size_that_was_met_warm_only_is_left_out() -> None:
     """As in a long recording, whose cold QPs run into the limit of sets before it comes."""
     rows = examined().enumeration
-    lone = rows[(rows["source"] == "fig5") & (rows["arm"] == "warm")].tail(1).assign(k=26)
+    lone = rows[(rows["scene"] == "fig5") & (rows["arm"] == "warm")].tail(1).assign(k=26)
     found = tables(replace(examined(), enumeration=pd.concat([rows, lone], ignore_index=True)))
     before = tables(examined())["criterion_enumeration"].data
     pd.testing.assert_frame_equal(found["criterion_enumeration"].data, before)
@@ -413,7 +412,7 @@ def test_the_command_writes_the_tables(tmp_path: Path, monkeypatch: pytest.Monke
     path, out = tmp_path / "fig5.h5", tmp_path / "out"
     write_recording(path, short_recording("fig5", 60))
     monkeypatch.setattr("harness.criterion.kept_factors.LONGEST", 30)
-    claims = partial(examination_claims, sizes=(1, 2, 3, 5))
+    claims = partial(examination_claims, largest=5)
     monkeypatch.setattr("harness.criterion.examination.examination_claims", claims)
     result = CliRunner().invoke(app, ["criterion", str(path), "--repeats", "1", "-o", str(out)])
     assert result.exit_code == 0, result.output
