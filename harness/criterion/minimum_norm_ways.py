@@ -103,14 +103,9 @@ class MinimumNormWays:
         return self.ways[self.ways["way"] == "loose"]
 
     @property
-    def C_QR(self) -> float:
-        """Mean over the cases [flops]."""
-        return float(self.cases["C_QR"].mean())
-
-    @property
-    def C_IT(self) -> float:
-        """Mean over the cases [flops]."""
-        return float(self.cases["C_IT"].mean())
+    def costs(self) -> tuple[float, float]:
+        """C_QR and C_IT, means over the cases [flops]."""
+        return float(self.cases["C_QR"].mean()), float(self.cases["C_IT"].mean())
 
     @property
     def growth(self) -> Growth | None:

@@ -155,15 +155,16 @@ def measure(
         parts = []
         with sole_writer(folder, claim.name):
             for unit in claim.units:
-                if claim.load(folder, unit) is None:
+                part = claim.load(folder, unit)
+                if part is None:
                     if progress is not None:
-                        first = next(iter(unit.values()))
-                        progress(f"{claim.name}: {first}", done, total)
+                        progress(f"{claim.name}: {next(iter(unit.values()))}", done, total)
                     claim.store(folder, unit)
-                parts.append(claim.load(folder, unit))
+                    part = claim.load(folder, unit)
+                assert part is not None
+                parts.append(part)
                 done += 1
-        there = [part for part in parts if part is not None]
         # columns alone, where no unit has a row
-        whole = [part for part in there if len(part)] or there[:1]
+        whole = [part for part in parts if len(part)] or parts[:1]
         found[claim.name] = pd.concat(whole, ignore_index=True)
     return found

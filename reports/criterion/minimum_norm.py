@@ -58,7 +58,7 @@ def minimum_norm_table(ways: Sequence[MinimumNormWays]) -> Table:
 def _row(one: MinimumNormWays) -> dict[str, Any]:
     if one.cases.empty:
         return {"scene": one.scene, "QPs": 0}
-    best, growth = one.kept[one.best], one.growth
+    best, growth, (C_QR, C_IT) = one.kept[one.best], one.growth, one.costs
     fitted = growth.prediction() if growth is not None else None
     return {
         "scene": one.scene,
@@ -68,10 +68,10 @@ def _row(one: MinimumNormWays) -> dict[str, Any]:
         "z": float(one.cases["z"].mean()),
         **_costs(one),
         "best s": one.best,
-        "√": (2 * one.C_QR / one.C_IT) ** 0.5,
+        "√": (2 * C_QR / C_IT) ** 0.5,
         "c": None if growth is None else growth.c,
         "r": None if growth is None else growth.r,
-        "s*": None if fitted is None else optimal_interval(one.C_QR, one.C_IT, *fitted),
+        "s*": None if fitted is None else optimal_interval(C_QR, C_IT, *fitted),
         "refused": int((best["refused"] != "").sum()),
         "error QR": one.cases["error"].max(),
         "error CG": max(float(run["error"].max()) for run in (*one.kept.values(), one.paper)),
