@@ -2,7 +2,7 @@
 
     criterion_norms         Cline's estimate of ‖R⁻¹‖ and Karasalo's bound against singular values
     criterion_rank          ranks decided by the method's QR and by the bound alone, and by the SVD
-    criterion_kept          ‖R⁻¹‖ of an R that is kept, against that of today's A_F
+    criterion_old_R         ‖R⁻¹‖ of an R that is kept, against that of today's A_F
     criterion_accuracy      ‖A δx‖/ε₀ at setting `paper`
     criterion_directions    the same by descent directions and by the age of R
 
@@ -160,7 +160,7 @@ def kept_table(examination: Examination) -> Table:
             "method allows for it."
         )
     return Table(
-        name="criterion_kept",
+        name="criterion_old_R",
         title="‖R⁻¹‖ of an R that is kept",
         reading=(
             "Pairs of QPs of one stretch s apart, with the free columns of the later one: grown "

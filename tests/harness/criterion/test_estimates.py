@@ -350,8 +350,9 @@ def test_tables_hold_the_worst_and_say_what_is_provoked() -> None:
     examination = examined()
     found = tables(examination)
     assert list(found) == [
-        *("criterion_norms", "criterion_kept", "criterion_rank", "criterion_accuracy"),
+        *("criterion_norms", "criterion_old_R", "criterion_rank", "criterion_accuracy"),
         *("criterion_directions", "criterion_enumeration", "criterion_minimum_norm"),
+        "criterion_kept",
     ]
     asked = examination.accuracy[examination.accuracy["asked"] == 1.0]
     worst = found["criterion_accuracy"].data
