@@ -34,8 +34,9 @@ publish: study campaigns growth
 	$(BIN)/glambda record heap --set bodies=20 --until 0.1 --overwrite -o results/families
 	$(BIN)/glambda record tower --set bodies=40 --set mu=0.5 --until 0.3 --overwrite -o results/families
 	$(BIN)/glambda record wall --set bodies=12 --set mu=0.3 --until 0.1 --overwrite -o results/families
-	$(BIN)/glambda criterion $(SCENES) results/families/*.h5 \
-	  -o reports/published/criterion
+	$(BIN)/glambda criterion $(SCENES) results/families/*.h5 -o results/criterion
+	mkdir reports/published/criterion
+	cp results/criterion/criterion* reports/published/criterion
 	mkdir reports/published/growth reports/published/growth_piles
 	cp results/growth/growth* reports/published/growth
 	cp results/growth_piles/growth* reports/published/growth_piles

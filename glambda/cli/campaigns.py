@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated
 
 import typer
@@ -23,21 +25,24 @@ def criterion(
     """When should the paper's method factorize anew? Rules and intervals, counted and timed.
 
     Then whether the norms, ranks and accuracy that it relies on are what it takes them for, and
-    what guessing the active set would cost.
+    what guessing the active set would cost. A folder that holds some of it already is continued.
 
     Example:  glambda criterion recordings/*.h5 -o criterion
     """
-    from harness.criterion.criterion import measure_all
-    from harness.criterion.examination import examine
+    from harness.criterion.examination import Examination, criterion_claims, examination_claims
+    from harness.criterion.measurement import measurements
     from harness.progress import shown
     from harness.recordings.recording import read_recording
+    from harness.results.claim import measure
     from reports.criterion.page import print_criterion, write_criterion
 
     recordings = [read_recording(file) for file in files]
-    with shown("criterion", terminal(err=True)) as tell:
-        measured = measure_all(recordings, repeats=repeats, progress=tell)
-    with shown("examination", terminal(err=True)) as tell:
-        examination = examine(recordings, progress=tell)
+    with TemporaryDirectory() if output is None else nullcontext(output) as folder:
+        with shown("criterion", terminal(err=True)) as tell:
+            rows = measure(criterion_claims(recordings, repeats), folder, tell)
+        measured = measurements(**rows)
+        with shown("examination", terminal(err=True)) as tell:
+            examination = Examination(**measure(examination_claims(recordings), folder, tell))
     print_criterion(terminal(), measured, examination)
     if output is not None:
         say(str(write_criterion(measured, output, examination)))

@@ -28,7 +28,7 @@ from harness.claims.reference_motion import (
     run_case,
 )
 from harness.claims.stabilization import ROUNDS, TOLERANCES, compare_rules
-from harness.results.claim import Claim, claim_over
+from harness.results.claim import Claim, Row, claim_over
 from problems.sequence import SolvesQPs
 
 SWEEP = tuple(float(f"{10 ** (-k / 2):.2g}") for k in range(4, 13))
@@ -42,10 +42,10 @@ ROUNDING = 1e-11
 
 def errors_of_run(
     case: Case, reference: Reference, solver: SolvesQPs, bound: str, eps: float
-) -> pd.DataFrame:
+) -> list[Row]:
     """Errors of a run by one of the bounds of h, one row per stretch of time.
 
-    Columns: scene, bound, eps, steps, impulses, cpu [s], stretch, pose [m], velocity [m/s].
+    Columns: steps, impulses, cpu [s], stretch, pose [m], velocity [m/s].
     """
     timed = [run_case(case, solver, eps, bound) for _ in range(ROUNDS)]
     run, cpu = timed[0][0], min(spent for _, spent in timed)
@@ -56,9 +56,6 @@ def errors_of_run(
         if inside.any():
             rows.append(
                 {
-                    "scene": case.label,
-                    "bound": bound,
-                    "eps": eps,
                     "steps": run.counts["steps"],
                     "impulses": run.counts["impulses"],
                     "cpu": cpu,
@@ -67,7 +64,7 @@ def errors_of_run(
                     "velocity": float(velocity[inside].max()),
                 }
             )
-    return pd.DataFrame(rows)
+    return rows
 
 
 class Fit(NamedTuple):
@@ -153,10 +150,10 @@ def convergence_claims(labels: Iterable[str], solver: SolvesQPs) -> list[Claim]:
     def known(scene: str) -> tuple[Case, Reference]:
         return cases[scene], reference_of(cases[scene], solver)
 
-    def swept(scene: str, bound: str, eps: float) -> pd.DataFrame:
+    def swept(scene: str, bound: str, eps: float) -> list[Row]:
         return errors_of_run(*known(scene), solver, bound, eps)
 
-    def drifted(scene: str, eps: float) -> pd.DataFrame:
+    def drifted(scene: str, eps: float) -> list[Row]:
         return compare_rules(*known(scene), solver, eps)
 
     return [

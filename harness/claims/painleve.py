@@ -18,7 +18,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from harness.claims.slide import STEEPEST, growth, rod_of_gain, slide_of
-from harness.results.claim import Claim, claim_over
+from harness.results.claim import Claim, Row, claim_over
 from problems import Run, scene, simulate
 from problems.friction.rules import FrictionRule
 from problems.qp import Vector
@@ -59,10 +59,10 @@ TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6)
 # --- the first step -------------------------------------------------------------------------------
 
 
-def first_steps(solver: SolvesQPs, motions: str, rule: FrictionRule, eps: float) -> pd.DataFrame:
-    """The first step after a collision, as h → 0.
+def first_steps(solver: SolvesQPs, motions: str, rule: FrictionRule, eps: float) -> list[Row]:
+    """The first step after a collision, as h → 0, one row per h.
 
-    Columns: motions, gain, rule, eps, h, jump ‖q̇_n − q̇_{n−1}‖_M, lam the largest Σ λ_N [N],
+    Columns: gain, h, jump ‖q̇_n − q̇_{n−1}‖_M, lam the largest Σ λ_N [N],
     impulse h λ [N·s], catch ‖·‖_M of the impulse without a collision.
     """
     made = scene("painleve", **{**CASES[motions], "fall": 0.1})
@@ -74,10 +74,7 @@ def first_steps(solver: SolvesQPs, motions: str, rule: FrictionRule, eps: float)
         lam = _normal_force(run, first)
         rows.append(
             {
-                "motions": motions,
                 "gain": before.gain,
-                "rule": rule,
-                "eps": eps,
                 "h": h,
                 "jump": before.norm(run.v[first, 0] - before.v),
                 "lam": lam,
@@ -85,7 +82,7 @@ def first_steps(solver: SolvesQPs, motions: str, rule: FrictionRule, eps: float)
                 "catch": before.norm(before.catch) if before.gain >= 1 else np.nan,
             }
         )
-    return pd.DataFrame(rows)
+    return rows
 
 
 # --- growth over a fixed time ---------------------------------------------------------------------
@@ -119,7 +116,7 @@ def errors_of(solver: SolvesQPs, gain: float, h: float, steps: int) -> Errors:
     )
 
 
-def measured_growth(solver: SolvesQPs, gain: float, steps: int = 14) -> pd.DataFrame:
+def measured_growth(solver: SolvesQPs, gain: float, steps: int = 14) -> list[Row]:
     """Growth per step of the error in λ beside the theory, one row.
 
     e_n = c₁ e_{n−1} + c₂ e_{n−2} is fitted where (4.2) is in force and nothing is clipped at 0.
@@ -135,19 +132,18 @@ def measured_growth(solver: SolvesQPs, gain: float, steps: int = 14) -> pd.DataF
     left = np.column_stack([e[1:-1], e[:-2]]) / size[:, None]
     first, second = np.linalg.lstsq(left[:kept], (e[2:] / size)[:kept], rcond=None)[0]
     row = {
-        "gain": gain,
         "by (4.3)": growth(gain, "(4.3)"),
         "by (4.2)": growth(gain),
         "steps": kept,
         "measured": float(np.abs(np.roots([1.0, -first, -second])).max()),
     }
-    return pd.DataFrame([row])
+    return [row]
 
 
-def fixed_time(solver: SolvesQPs, gain: float, steps: int) -> pd.DataFrame:
+def fixed_time(solver: SolvesQPs, gain: float, steps: int) -> list[Row]:
     """Growth of the error in λ over `FIXED_TIME` in so many steps, one row.
 
-    Columns: gain, steps, h, power |ζ|^(steps − 2); size of the last two errors over that of the
+    Columns: h, power |ζ|^(steps − 2); size of the last two errors over that of the
     first two, predicted by the recurrence without clipping at 0, and measured; lam, the last [N].
     """
     found = errors_of(solver, gain, FIXED_TIME / steps, steps)
@@ -155,21 +151,19 @@ def fixed_time(solver: SolvesQPs, gain: float, steps: int) -> pd.DataFrame:
     for _ in range(steps - 2):
         theory.append(gain * (2 * theory[-1] - theory[-2]))
     row = {
-        "gain": gain,
-        "steps": steps,
         "h": FIXED_TIME / steps,
         "power": growth(gain) ** (steps - 2),
         "predicted": _amplified(theory),
         "measured": _amplified(found.e),
         "lam": float(found.lam[-1]),
     }
-    return pd.DataFrame([row])
+    return [row]
 
 
-def caught(solver: SolvesQPs, rule: FrictionRule, h: float) -> pd.DataFrame:
+def caught(solver: SolvesQPs, rule: FrictionRule, h: float) -> Row:
     """The rod without a motion, in steps of h by one of the rules, until its slip ended.
 
-    One row per state.  Columns: rule of friction, h [s]; end, when the slip ended [s]; error of the
+    One row per state.  Columns: end, when the slip ended [s]; error of the
     jump in q̇ against the impulse without a collision, relative, in ‖·‖_M; t [s], slip [m/s] and
     the impulse h λ [N·s] of the step to it, NaN at the start.
     """
@@ -183,26 +177,22 @@ def caught(solver: SolvesQPs, rule: FrictionRule, h: float) -> pd.DataFrame:
     last = int(np.argmax(stands))
     t, lam = run.t[: last + 1], [_normal_force(run, i) for i in range(1, last + 1)]
     jump = run.v[last, 0] - run.v[0, 0]
-    return pd.DataFrame(
-        {
-            "rule": rule,
-            "h": h,
-            "end": float(end),
-            "error": start.norm(jump - start.catch) / start.norm(start.catch),
-            "t": t,
-            "slip": slip[: last + 1],
-            "impulse": [np.nan, *(np.diff(t) * lam)],
-        }
-    )
+    return {
+        "end": float(end),
+        "error": start.norm(jump - start.catch) / start.norm(start.catch),
+        "t": t,
+        "slip": slip[: last + 1],
+        "impulse": [np.nan, *(np.diff(t) * lam)],
+    }
 
 
 # --- what becomes of it ---------------------------------------------------------------------------
 
 
-def outcome(solver: SolvesQPs, motions: str, rule: FrictionRule) -> pd.DataFrame:
+def outcome(solver: SolvesQPs, motions: str, rule: FrictionRule) -> list[Row]:
     """How a rule goes on, with its own steps, ε = 1e-3; one row.
 
-    Columns: motions, gain, rule, reported γ of the event, end of the slip and its t, error of the
+    Columns: gain, reported γ of the event, end of the slip and its t, error of the
     jump against the impulse without a collision, steps, rejected.
     """
     made = scene("painleve", **CASES[motions])
@@ -212,9 +202,7 @@ def outcome(solver: SolvesQPs, motions: str, rule: FrictionRule) -> pd.DataFrame
     jump = run.v[end.at, 0] - run.v[0, 0]
     stops = end.kind in ("slip_to_stick", "jam")
     row = {
-        "motions": motions,
         "gain": start.gain,
-        "rule": rule,
         "reported": _reported(run),
         "end": end.kind,
         "t": end.t,
@@ -224,32 +212,29 @@ def outcome(solver: SolvesQPs, motions: str, rule: FrictionRule) -> pd.DataFrame
         "steps": run.counts["steps"],
         "rejected": run.counts["rejected_steps"],
     }
-    return pd.DataFrame([row])
+    return [row]
 
 
-def approach(solver: SolvesQPs, spin: float, eps: float) -> pd.DataFrame:
+def approach(solver: SolvesQPs, spin: float, eps: float) -> Row:
     """A rod that rises towards γ = 1 while it slides, by the corrected rule from γ = 0.87.
 
-    One row per state until its slip ended.  Columns: spin at the start [rad/s], eps; end and t, how
-    and when the slip ended; lam, the largest Σ λ_N before [N]; later, θ' at t = 0.15 [rad/s];
-    gain γ and free B.
+    spin : at the start [rad/s]
+
+    One row per state until its slip ended.  Columns: end and t, how and when the slip ended; lam,
+    the largest Σ λ_N before [N]; later, θ' at t = 0.15 [rad/s]; gain γ and free B.
     """
     made = scene("painleve", angle=0.7, spin=spin, slip=3.0)
     run = simulate(made, solver, eps=eps, until=0.15)
     end = _end_of_slip(run)
     slides = [slide_of(made, run.q[i, 0], run.v[i, 0]) for i in range(end.at)]
-    return pd.DataFrame(
-        {
-            "spin": spin,
-            "eps": eps,
-            "end": end.kind,
-            "t": end.t,
-            "lam": max(_normal_force(run, i) for i in range(1, end.at)),
-            "later": -float(run.v[-1, 0, 2]),
-            "gain": [slide.gain for slide in slides],
-            "free": [slide.free for slide in slides],
-        }
-    )
+    return {
+        "end": end.kind,
+        "t": end.t,
+        "lam": max(_normal_force(run, i) for i in range(1, end.at)),
+        "later": -float(run.v[-1, 0, 2]),
+        "gain": [slide.gain for slide in slides],
+        "free": [slide.free for slide in slides],
+    }
 
 
 class Painleve(NamedTuple):

@@ -26,10 +26,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from harness.results.claim import Claim
+from harness.results.claim import Claim, Row
 from problems import Scene, simulate
 from problems.bodies.bodies import box
 from problems.bodies.forces import SpringDamper
@@ -190,29 +189,22 @@ def measured_run(solver: SolvesQPs, order: int, D: float, K: float) -> MeasuredR
     return MeasuredRun(order, D, K, run.q[:kept, 0, 0], STEP * run.v[:kept, 0, 0], eps)
 
 
-def checked_run(solver: SolvesQPs, order: int, D: float, K: float) -> pd.DataFrame:
-    """A run of the stepper beside the roots, one row.
-
-    Columns: order, D, K, border, amplification, steps, growth, residual.
-    """
+def checked_run(solver: SolvesQPs, order: int, D: float, K: float) -> list[Row]:
+    """A run of the stepper beside the roots, one row."""
     run = measured_run(solver, order, D, K)
     row = {
-        "order": order,
-        "D": D,
-        "K": K,
         "border": float(border(order, D)),
         "amplification": float(amplification(order, D, K)),
         "steps": run.steps,
         "growth": run.growth,
         "residual": run.residual,
     }
-    return pd.DataFrame([row])
+    return [row]
 
 
-def sizes_of_run(solver: SolvesQPs, order: int, D: float, K: float) -> pd.DataFrame:
-    """√(u² + w²) after each step.  Columns: order, D, K, size."""
-    size = measured_run(solver, order, D, K).size
-    return pd.DataFrame({"size": size}).assign(order=order, D=D, K=K)
+def sizes_of_run(solver: SolvesQPs, order: int, D: float, K: float) -> Row:
+    """√(u² + w²) at the start and after each step, a row each."""
+    return {"size": measured_run(solver, order, D, K).size}
 
 
 def points_to_check() -> list[tuple[int, float, float]]:

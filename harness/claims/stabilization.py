@@ -11,10 +11,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from harness.claims.reference_motion import Case, Reference, run_case
 from harness.motions.run_physics import energy, last_answers, loaded_gaps, overlap
+from harness.results.claim import Row
 from problems import Run
 from problems.qp import Vector
 from problems.sequence import SolvesQPs
@@ -59,10 +59,10 @@ RULES = (
 )
 
 
-def compare_rules(case: Case, reference: Reference, solver: SolvesQPs, eps: float) -> pd.DataFrame:
-    """Every rule at one ε.
+def compare_rules(case: Case, reference: Reference, solver: SolvesQPs, eps: float) -> list[Row]:
+    """Every rule at one ε, one row each.
 
-    Columns: scene, eps, rule, drift, tau [s]; depth = −min φ of active contacts [m]; overlap of any
+    Columns: rule, drift, tau [s]; depth = −min φ of active contacts [m]; overlap of any
     two parts [m]; gap, mean |φ| of the loaded contacts at the end [m]; pose, largest error before
     and after the first impact [m]; energy, T + V at the end less the reference's, over its largest
     T; steps, events; cpu [s] and its ratio to no rule.
@@ -73,10 +73,8 @@ def compare_rules(case: Case, reference: Reference, solver: SolvesQPs, eps: floa
         for rule in RULES:
             runs[rule], spent = run_case(case, solver, eps, **rule.options)
             cpu[rule] = min(cpu[rule], spent)
-    rows = [
+    return [
         {
-            "scene": case.label,
-            "eps": eps,
             "rule": rule.name,
             "drift": rule.drift,
             "tau": rule.tau,
@@ -86,7 +84,6 @@ def compare_rules(case: Case, reference: Reference, solver: SolvesQPs, eps: floa
         }
         for rule, run in runs.items()
     ]
-    return pd.DataFrame(rows)
 
 
 def _measures(run: Run, reference: Reference) -> dict[str, float]:

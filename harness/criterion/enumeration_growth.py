@@ -24,7 +24,7 @@ not repeated.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import exp, inf, nan
 from typing import Any, NamedTuple
 
@@ -50,10 +50,7 @@ MOST_ROWS = 32
 """Rows beyond which enumeration takes no QP."""
 TURNS, SLOW = 3, 0.05
 
-COLUMNS = ("source", "arm", "k", "sets", "seconds", "directions", "method_seconds")
-
-Progress = Callable[[int], None]
-"""Called with the size that is next."""
+COLUMNS = ("arm", "k", "sets", "seconds", "directions", "method_seconds")
 
 
 class Fit(NamedTuple):
@@ -66,7 +63,7 @@ class Fit(NamedTuple):
 def recorded(recording: Recording) -> pd.DataFrame:
     """Both methods on the QPs of a recording, cold and warm; one row per QP and arm.
 
-    Columns: source (the scene), arm, k, sets (NaN: given up), seconds, directions and
+    Columns: arm, k, sets (NaN: given up), seconds, directions and
     method_seconds of `lotstedt`.
     """
     frames = []
@@ -80,24 +77,22 @@ def recorded(recording: Recording) -> pd.DataFrame:
                 if 0 < k <= MOST_ROWS and tried < TOTAL_SETS:
                     sets, seconds = _guess(qp, start)
                     tried += MOST_SETS if np.isnan(sets) else int(sets)
-                    rows.append((recording.scene, arm, k, sets, seconds, *counted))
+                    rows.append((arm, k, sets, seconds, *counted))
             frames.append(_frame(rows))
     return pd.concat(frames, ignore_index=True)
 
 
-def randomly(progress: Progress | None = None, sizes: Sequence[int] = SIZES) -> pd.DataFrame:
+def randomly(sizes: Sequence[int] = SIZES) -> pd.DataFrame:
     """Both methods on random QPs, cold, size by size, until half of a size are given up."""
     rows = []
     with one_thread():
         for k in sizes:
-            if progress is not None:
-                progress(k)
             rng = np.random.default_rng(k)
             qps = [random_qp(k, rng) for _ in range(PER_SIZE)]
             given_up = 0
             for qp, counted in zip(qps, _method_runs(qps, False), strict=True):
                 sets, seconds = _guess(qp, None)
-                rows.append(("random", "cold", k, sets, seconds, *counted))
+                rows.append(("cold", k, sets, seconds, *counted))
                 given_up += np.isnan(sets)
                 if given_up >= PER_SIZE / 2:
                     return _frame(rows)
@@ -120,7 +115,7 @@ def moving(qp: ContactQP) -> int:
 
 def medians(rows: pd.DataFrame) -> pd.DataFrame:
     """Medians by k; a QP that was given up counts as more than any other, inf where half are."""
-    return rows.fillna({"sets": inf, "seconds": inf}).groupby("k")[list(COLUMNS[3:])].median()
+    return rows.fillna({"sets": inf, "seconds": inf}).groupby("k")[list(COLUMNS[2:])].median()
 
 
 def fit_base(rows: pd.DataFrame, column: str) -> Fit:
@@ -160,7 +155,7 @@ def _guess(qp: ContactQP, start: Solution | None) -> tuple[float, float]:
 def _frame(rows: list[tuple[Any, ...]]) -> pd.DataFrame:
     """Numbers stay numbers where there is no row."""
     return pd.DataFrame(rows, columns=list(COLUMNS)).astype(
-        {"k": int, **dict.fromkeys(COLUMNS[3:], float)}
+        {"k": int, **dict.fromkeys(COLUMNS[2:], float)}
     )
 
 

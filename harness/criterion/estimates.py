@@ -15,7 +15,6 @@ bounds in the recorded solution, F and the passive ones; "all" are all columns o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -69,29 +68,6 @@ class Factor(NamedTuple):
         return 1.0 / float(scipy.linalg.svdvals(self.R)[-1]) if self.order else 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class Estimates:
-    """What was found on one recording.
-
-    norms : one row per QP and choice of columns ("free", "all"): its place and kind, n columns,
-        rank by the SVD (σ > `RANK_TOL` σ_max), by the method's QR and by Karasalo's bound alone,
-        last and next (the least σ/σ_max that the QR counts, and the largest that it does not, 0
-        where it counts all), inverse (the true ‖R⁻¹‖), estimate, bound
-    ages : one row per pair of QPs of one stretch, age QPs apart: the place of the later one, n
-        columns, ‖R⁻¹‖ then, its estimate then, and ‖R⁻¹‖ of the same columns today; NaN where the
-        columns depended on each other then, or do today
-    """
-
-    scene: str
-    norms: pd.DataFrame
-    ages: pd.DataFrame
-
-
-def estimates_of(recording: Recording) -> Estimates:
-    """Compare the estimates with the singular values; frames are empty where A is too large."""
-    return Estimates(recording.scene, norms(recording), ages(recording))
-
-
 def factor(B: Vector) -> Factor:
     """Factorize the columns of B (m, n), of length 1 or 0, with the method's own kernels."""
     m, n = B.shape
@@ -115,7 +91,13 @@ def factor(B: Vector) -> Factor:
 
 
 def norms(recording: Recording) -> pd.DataFrame:
-    """Every QP, or as many as `BUDGET` allows, with its free and with all columns."""
+    """Every QP, or as many as `BUDGET` allows, with its free and with all columns.
+
+    One row per QP and choice of columns ("free", "all"): its place and kind, n columns, rank by the
+    SVD (σ > `RANK_TOL` σ_max), by the method's QR and by Karasalo's bound alone, last and next (the
+    least σ/σ_max that the QR counts, and the largest that it does not, 0 where it counts all),
+    inverse (the true ‖R⁻¹‖), estimate, bound.
+    """
     qps = recording.qps
     cost = 20 * max((qp.m * qp.k**2 for qp in qps), default=0)
     rows = []
@@ -139,7 +121,12 @@ def norms(recording: Recording) -> pd.DataFrame:
 
 
 def ages(recording: Recording) -> pd.DataFrame:
-    """Pairs of QPs of one stretch between restarts, sampled evenly for each age."""
+    """Pairs of QPs of one stretch between restarts, sampled evenly for each age.
+
+    One row per pair, age QPs apart: the place of the later one, n columns, ‖R⁻¹‖ then, its estimate
+    then, and ‖R⁻¹‖ of the same columns today; NaN where the columns depended on each other then, or
+    do today.  Both this and `norms` give no rows where A is too large.
+    """
     links = sequence(recording)
     cost = 40 * max((link.qp.m * link.qp.k**2 for link in links), default=0) * len(AGES)
     rows = []

@@ -168,11 +168,6 @@ def kept_factors(
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
-def no_runs() -> pd.DataFrame:
-    """The same without a row."""
-    return pd.DataFrame(columns=list(COLUMNS))
-
-
 def _plans(kinds: Sequence[Kind]) -> Iterator[Plan]:
     for kind in kinds:
         keep, renew = (hooked(kind.package, hooks) for hooks in (kind.keep, kind.renew))

@@ -44,7 +44,10 @@ LOOSE = 1e-6
 BUDGET = 2e10
 """Operations that the QPs examined may take to be decomposed; the first that fit are."""
 
-CASE_COLUMNS = ("place", "m", "k", "rank", "z", "same_A", "per_pass", "per_step", "error")
+CASE_COLUMNS = (
+    *("place", "m", "k", "rank", "z", "same_A"),
+    *("per_pass", "per_step", "C_QR", "C_IT", "error"),
+)
 RUN_COLUMNS = (
     *("place", "chain", "age", "iterations", "rounds", "bounded", "decompositions", "refused"),
     *("printed", "order", "flops", "error"),
@@ -74,61 +77,78 @@ class MinimumNormWays:
     """What was found on one recording.
 
     calls : QPs that a warm start can serve;  examined : how many of them were looked at
-    cases : one row per QP with redundant columns: place, m, k, rank, z (whether λ_R breaks a
-        bound), same_A (whether A is that of the QP before), flops with a QR per pass and per step,
-        error against the SVD
-    kept : interval → one row per QP: place, chain, age of R, iterations, rounds, bounded (size of
-        X), decompositions, refused (why the old R was given up, else ""), printed (whether nothing
-        but the paper's way was left), order of R, flops, error
-    paper : the same with the threshold √(2 C_QR/C_IT);  loose : the same asked for `LOOSE`
-    C_QR, C_IT : means over the cases [flops];  growth : of the iterations with the age of R
+    cases : the rows of `case_rows`;  ways : those of `way_rows`
     """
 
     scene: str
     calls: int
     examined: int
     cases: pd.DataFrame
-    kept: dict[float, pd.DataFrame]
-    paper: pd.DataFrame
-    loose: pd.DataFrame
-    C_QR: float
-    C_IT: float
-    growth: Growth | None
+    ways: pd.DataFrame
+
+    @property
+    def kept(self) -> dict[float, pd.DataFrame]:
+        """Rows by interval."""
+        kept = self.ways[self.ways["way"] == "kept"]
+        return {float(interval): run for interval, run in kept.groupby("interval")}
+
+    @property
+    def paper(self) -> pd.DataFrame:
+        """Rows with the threshold √(2 C_QR/C_IT)."""
+        return self.ways[self.ways["way"] == "paper"]
+
+    @property
+    def loose(self) -> pd.DataFrame:
+        """The same, asked for `LOOSE`."""
+        return self.ways[self.ways["way"] == "loose"]
+
+    @property
+    def costs(self) -> tuple[float, float]:
+        """C_QR and C_IT, means over the cases [flops]."""
+        return float(self.cases["C_QR"].mean()), float(self.cases["C_IT"].mean())
+
+    @property
+    def growth(self) -> Growth | None:
+        """Of the iterations with the age of R."""
+        ways = self.ways
+        aged = ways[(ways["way"] == "kept") & (ways["age"] > 0) & ~ways["printed"]]
+        return fit_growth(aged["age"], aged["iterations"], aged["chain"])
 
     @property
     def best(self) -> float:
         """The interval that cost least."""
-        return min(self.kept, key=lambda s: float(self.kept[s]["flops"].mean()))
+        kept = self.kept
+        return min(kept, key=lambda s: float(kept[s]["flops"].mean()))
 
 
-def minimum_norm_ways(recording: Recording) -> MinimumNormWays:
-    """Compare the ways on the step, iteration and corrector QPs of a recording, in order."""
-    calls, examined, cases = redundant(recording)
+def case_rows(cases: Sequence[Case]) -> pd.DataFrame:
+    """The paper's way on QPs with redundant columns, one row each.
+
+    Columns: place, m, k, rank, z (whether λ_R breaks a bound), same_A (whether A is that of the QP
+    before), flops with a QR per pass and per step, C_QR, C_IT [flops], error against the SVD.
+    """
     rows, before = [], None
     for case in cases:
         same = before is not None and _same_matrix(before.qp, case.qp)
         first, later = printed_flops(case)
         sizes = case.place, case.qp.m, case.qp.k, case.rank, case.z, same
-        rows.append((*sizes, first, later if same else first, _error(case, case.printed)))
+        flops = first, later if same else first, *_unit_costs(case)
+        rows.append((*sizes, *flops, _error(case, case.printed)))
         before = case
-    table = pd.DataFrame(rows, columns=list(CASE_COLUMNS))
-    costs = [_unit_costs(case) for case in cases]
-    C_QR, C_IT = (float(np.mean(cost)) for cost in zip(*costs, strict=True)) if cases else (0, 0)
-    kept = {s: keep_old(cases, s) for s in INTERVALS}
-    pooled = pd.concat(list(kept.values()), ignore_index=True)
-    aged = pooled[(pooled["age"] > 0) & ~pooled["printed"]]
-    return MinimumNormWays(
-        scene=recording.scene,
-        calls=calls,
-        examined=examined,
-        cases=table,
-        kept=kept,
-        paper=keep_old(cases, inf, by_threshold=True),
-        loose=keep_old(cases, inf, by_threshold=True, accuracy=LOOSE),
-        C_QR=C_QR,
-        C_IT=C_IT,
-        growth=fit_growth(aged["age"], aged["iterations"], aged["chain"]),
-    )
+    return pd.DataFrame(rows, columns=list(CASE_COLUMNS))
+
+
+def way_rows(cases: Sequence[Case]) -> pd.DataFrame:
+    """Old decompositions on the same QPs, one row for each and way, interval as in `keep_old`.
+
+    way : "kept", the decomposition for so many QPs; "paper", by the threshold √(2 C_QR/C_IT);
+        "loose", the same asked for `LOOSE`
+    """
+    runs = [keep_old(cases, s).assign(way="kept", interval=s) for s in INTERVALS]
+    for way, accuracy in (("paper", ACCURACY), ("loose", LOOSE)):
+        run = keep_old(cases, inf, by_threshold=True, accuracy=accuracy)
+        runs.append(run.assign(way=way, interval=inf))
+    return pd.concat(runs, ignore_index=True)
 
 
 def redundant(recording: Recording) -> tuple[int, int, list[Case]]:
@@ -170,7 +190,9 @@ def keep_old(
     """Solve all cases, decomposing every `interval` of them, or after √(2 C_QR/C_IT) iterations.
 
     A refused answer is sought again with today's R, then with X empty, then by the paper's way.
-    The columns are those of `MinimumNormWays.kept`.
+    One row per QP: place, chain, age of R, iterations, rounds, bounded (size of X), decompositions,
+    refused (why the old R was given up, else ""), printed (whether nothing but the paper's way was
+    left), order of R, flops, error.
     """
     kept: Decomposition | None = None
     last: tuple[Indices, Members] | None = None

@@ -46,19 +46,23 @@ LEAST = {pa.int64(): 8, pa.float64(): 8, pa.bool_(): 0, pa.string(): 4}
 """Bytes that a value takes at least, by the type of its column."""
 
 Unit = Mapping[str, Any]
-"""What a unit is about, as JSON has it: parameters of the function that makes its rows."""
+"""What a unit is about: numbers and texts, parameters of the function that makes its rows."""
+Row = dict[str, Any]
+"""Values of a row, or whole columns, by name."""
+Rows = Callable[..., pd.DataFrame | list[Row] | Row]
 
 
 @dataclass(frozen=True, eq=False)
 class Claim:
     """Something that is claimed of the method, and how it is measured.
 
-    name : folder of its rows;  rows : called with what a unit names, gives that unit's rows
+    name : folder of its rows;  rows : called with what a unit names, gives its rows as pandas takes
+        them; what the unit names stands before their columns
     units : in the order of the rows;  solvers : whose versions the rows depend on
     """
 
     name: str
-    rows: Callable[..., pd.DataFrame]
+    rows: Rows
     units: Sequence[Unit]
     solvers: Sequence[str] = (METHOD,)
 
@@ -83,7 +87,8 @@ class Claim:
 
     def store(self, folder: Path, unit: Unit) -> None:
         """Measure a unit and keep its rows, at once or not at all."""
-        rows = self.rows(**unit)
+        found = pd.DataFrame(self.rows(**unit))
+        rows = found.assign(**unit)[[*unit, *found.columns.difference(list(unit), sort=False)]]
         columns = {
             str(name): pa.array(column.to_numpy(), TYPES.get(column.dtype.kind, pa.string()))
             for name, column in rows.items()
@@ -130,7 +135,7 @@ class Claim:
         }
 
 
-def claim_over(name: str, rows: Callable[..., pd.DataFrame], **ranges: Iterable[Any]) -> Claim:
+def claim_over(name: str, rows: Rows, **ranges: Iterable[Any]) -> Claim:
     """A claim with a unit for each combination of values, the last name varying fastest."""
     units = [dict(zip(ranges, values, strict=True)) for values in product(*ranges.values())]
     return Claim(name, rows, units)
@@ -150,15 +155,16 @@ def measure(
         parts = []
         with sole_writer(folder, claim.name):
             for unit in claim.units:
-                if claim.load(folder, unit) is None:
+                part = claim.load(folder, unit)
+                if part is None:
                     if progress is not None:
-                        said = ", ".join(str(value) for value in unit.values())
-                        progress(f"{claim.name}: {said}", done, total)
+                        progress(f"{claim.name}: {next(iter(unit.values()))}", done, total)
                     claim.store(folder, unit)
-                parts.append(claim.load(folder, unit))
+                    part = claim.load(folder, unit)
+                assert part is not None
+                parts.append(part)
                 done += 1
-        there = [part for part in parts if part is not None]
         # columns alone, where no unit has a row
-        whole = [part for part in there if len(part)] or there[:1]
+        whole = [part for part in parts if len(part)] or parts[:1]
         found[claim.name] = pd.concat(whole, ignore_index=True)
     return found

@@ -187,7 +187,7 @@ def outcome_table(outcomes: pd.DataFrame) -> Table:
             "ended (a jam and slip → stick are catches, a drop leaves the ground); how far the "
             "jump in q̇ is from the impulse without a collision; steps to t = 0.02."
         ),
-        data=outcomes,
+        data=outcomes.set_index(["motions", "gain"]).reset_index(),
         formats={
             "gain": short, "reported": short, "t": scientific, "error": scientific,
             "steps": whole, "rejected": whole,

@@ -18,9 +18,7 @@ from reports.parts.table import Table, microseconds, percent, short, times, whol
 def enumeration_table(examination: Examination) -> Table:
     """Sets tried and time against k, on recorded and on random QPs."""
     rows = []
-    for recorded, name in ((True, "recorded"), (False, "random")):
-        each = examination.enumeration
-        each = each[(each["source"] != "random") == recorded]
+    for each, name in ((examination.enumeration, "recorded"), (examination.random, "random")):
         for k, size in each.groupby("k"):
             cold, warm = size[size["arm"] == "cold"], size[size["arm"] == "warm"]
             if cold.empty:  # met warm only
@@ -65,15 +63,14 @@ def enumeration_table(examination: Examination) -> Table:
             **dict.fromkeys(["µs", "method µs"], microseconds),
             "ratio": times,
         },
-        notes=[*_recorded_notes(examination.enumeration), *_random_notes(examination.enumeration)],
+        notes=[*_recorded_notes(examination.enumeration), *_random_notes(examination.random)],
     )
 
 
-def _recorded_notes(rows: pd.DataFrame) -> list[str]:
+def _recorded_notes(recorded: pd.DataFrame) -> list[str]:
     """What guessing costs on the recordings, and when its guess is poor."""
-    recorded = rows[rows["source"] != "random"]
     notes, worse = [], []
-    for scene, one in recorded.groupby("source", sort=False):
+    for scene, one in recorded.groupby("scene", sort=False):
         cold, warm = one[one["arm"] == "cold"], one[one["arm"] == "warm"]
         if (warm["sets"] == 1).mean() < (cold["sets"] == 1).mean():
             worse.append(str(scene))
@@ -94,9 +91,8 @@ def _recorded_notes(rows: pd.DataFrame) -> list[str]:
     return notes
 
 
-def _random_notes(rows: pd.DataFrame) -> list[str]:
+def _random_notes(random: pd.DataFrame) -> list[str]:
     """Growth, and where enumeration loses."""
-    random = rows[rows["source"] == "random"]
     if random.empty:
         return []
     notes = []

@@ -2,7 +2,7 @@
 
     criterion_norms         Cline's estimate of ‖R⁻¹‖ and Karasalo's bound against singular values
     criterion_rank          ranks decided by the method's QR and by the bound alone, and by the SVD
-    criterion_kept          ‖R⁻¹‖ of an R that is kept, against that of today's A_F
+    criterion_old_R         ‖R⁻¹‖ of an R that is kept, against that of today's A_F
     criterion_accuracy      ‖A δx‖/ε₀ at setting `paper`
     criterion_directions    the same by descent directions and by the age of R
 
@@ -73,7 +73,7 @@ def norms_table(examination: Examination) -> Table:
         ),
         data=data,
         formats={"QPs": whole, **dict.fromkeys(data.columns[3:], short)},
-        notes=notes + _too_large([one.scene for one in examination.estimates if one.norms.empty]),
+        notes=notes + _too_large(examination),
     )
 
 
@@ -131,14 +131,14 @@ def rank_table(examination: Examination) -> Table:
 def kept_table(examination: Examination) -> Table:
     """‖R⁻¹‖ of an R that is kept against that of today's A_F."""
     rows = []
-    for one in examination.estimates:
+    for (_, scene), of_scene in examination.ages.groupby(["digest", "scene"], sort=False):
         for name, (first, last) in AGES.items():
-            pairs = one.ages[one.ages["age"].between(first, last)]
+            pairs = of_scene[of_scene["age"].between(first, last)]
             aged, short_by = pairs["today"] / pairs["then"], pairs["today"] / pairs["estimate_then"]
             if len(pairs):
                 rows.append(
                     {
-                        "scene": one.scene,
+                        "scene": scene,
                         "s": name,
                         "pairs": len(pairs),
                         "dependent": float(pairs["today"].isna().mean()),
@@ -160,7 +160,7 @@ def kept_table(examination: Examination) -> Table:
             "method allows for it."
         )
     return Table(
-        name="criterion_kept",
+        name="criterion_old_R",
         title="‖R⁻¹‖ of an R that is kept",
         reading=(
             "Pairs of QPs of one stretch s apart, with the free columns of the later one: grown "
@@ -314,13 +314,15 @@ def _asked(examination: Examination) -> tuple[pd.DataFrame, pd.DataFrame]:
 def _by_columns(examination: Examination) -> list[tuple[str, str, pd.DataFrame]]:
     """(scene, "free" or "all", its rows) of every recording, where something is independent."""
     found = []
-    for one in examination.estimates:
+    for (_, scene), norms in examination.norms.groupby(["digest", "scene"], sort=False):
         for columns in ("free", "all"):
-            norms = one.norms[(one.norms["columns"] == columns) & (one.norms["qr_rank"] > 0)]
-            if len(norms):
-                found.append((one.scene, columns, norms))
+            chosen = norms[(norms["columns"] == columns) & (norms["qr_rank"] > 0)]
+            if len(chosen):
+                found.append((scene, columns, chosen))
     return found
 
 
-def _too_large(scenes: list[str]) -> list[str]:
+def _too_large(examination: Examination) -> list[str]:
+    known = examination.recordings
+    scenes = list(known.loc[~known["digest"].isin(examination.norms["digest"]), "scene"])
     return [f"{join(scenes)}: A is too large for singular values of every QP."] if scenes else []

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from harness.criterion.cost_model import cost_per_call
-from harness.criterion.criterion import Measurement, Run
+from harness.criterion.measurement import Measurement, Run
 from reports.parts.style import (
     BLUE,
     FAINT,
@@ -53,7 +53,7 @@ def plot_sweep(measured: Sequence[Measurement], path: str | Path) -> Path:
 
 def _sweep_panel(axes: Axes, one: Measurement) -> None:
     best = one.best()
-    at = [_place(run.rule.interval) for run in one.sweep]
+    at = [_place(run.interval) for run in one.sweep]
     cost = np.array([run.cost for run in one.sweep]) / best.cost
     time = np.array([run.time for run in one.sweep]) / one.best("runtime").time
     axes.plot(at, time, color=FAINT, linewidth=1.6, zorder=1, label="measured time")
@@ -82,7 +82,7 @@ def _sweep_panel(axes: Axes, one: Measurement) -> None:
             zorder=2, label="s* with c = r = 1" if name == "paper" else "s* with c, r fitted",
         )  # fmt: skip
     axes.plot(
-        [_place(best.rule.interval)], [1.0], marker="o", markersize=9, markerfacecolor="none",
+        [_place(best.interval)], [1.0], marker="o", markersize=9, markerfacecolor="none",
         markeredgecolor=INK, linestyle="none", zorder=4, label="best fixed interval",
     )  # fmt: skip
     for name, marker, colour, size in (
@@ -188,9 +188,8 @@ def _aside(axes: Axes, text: str) -> None:
     axes.text(1, 1.04, text, transform=axes.transAxes, ha="right", va="bottom", size=7, color=SOFT)
 
 
-def _place(interval: float | None) -> float:
+def _place(interval: float) -> float:
     """Position of an interval on the axis."""
-    assert interval is not None
     return NEVER_AT if interval == inf or interval > 150 or not isfinite(interval) else interval
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from harness.criterion.criterion import Measurement
+from harness.criterion.measurement import Measurement
 from reports.criterion.intervals import ADAPTIVE, signed_percent, size
 from reports.parts.sentences import join
 from reports.parts.table import Table, percent, short, whole

@@ -12,13 +12,13 @@ Their numbers are those of `harness.criterion.criterion`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf, isfinite, isnan, nan
+from math import inf, isfinite, isnan
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from harness.criterion.criterion import RULES, Measurement, Run
+from harness.criterion.measurement import RULES, Measurement, Run
 from reports.parts.sentences import join
 from reports.parts.table import Table, microseconds, percent, short, whole
 
@@ -100,9 +100,9 @@ def interval_table(measured: Sequence[Measurement]) -> Table:
                 "scene": one.scene,
                 "s* paper": one.predicted["paper"],
                 "s* fitted": one.predicted["fitted"],
-                "best": one.best().rule.interval,
+                "best": one.best().interval,
                 "s* (time)": one.predicted["time"],
-                "best (time)": one.best("runtime").rule.interval,
+                "best (time)": one.best("runtime").interval,
                 "longest": int(one.sweep[0].steps.groupby("chain").size().max()),
                 **{head: one.rules[name].cycle for name, head in ADAPTIVE.items()},
             }
@@ -145,7 +145,7 @@ def regret_table(measured: Sequence[Measurement], column: str) -> Table:
         rows.append(
             {
                 "scene": one.scene,
-                "best s": best.rule.interval,
+                "best s": best.interval,
                 "cost": best.mean(column),
                 **{HEADS.get(rule, rule): one.regret(rule, column) for rule in RULES},
             }
@@ -192,7 +192,7 @@ def _regret_notes(measured: Sequence[Measurement], column: str) -> list[str]:
         for one in measured
         if not one.criterion.sparse
         and one.rules["exact QR"].mean(column)
-        < min(run.mean(column) for run in one.rules.values() if run.rule.keeps_R)
+        < min(run.mean(column) for run in one.rules.values() if run.keeps_R)
     ]
     if without:
         notes.append(
@@ -225,7 +225,7 @@ def _better_than(own: str, one: Measurement, column: str) -> tuple[str, float]:
     others = [
         name
         for name, run in one.rules.items()
-        if run.rule.keeps_R and "fitted" not in name and name != own
+        if run.keeps_R and "fitted" not in name and name != own
     ]
     best = min(others, key=lambda rule: one.rules[rule].mean(column))
     return best, 1.0 - one.rules[best].mean(column) / one.rules[own].mean(column)
@@ -235,9 +235,8 @@ def runs_table(measured: Sequence[Measurement]) -> Table:
     """Every run: one row per recording and rule or interval."""
     rows = []
     for one in measured:
-        named = [(run.rule.name, run) for run in one.sweep]
-        named += [(name, run) for name, run in one.rules.items() if run.rule.interval is None]
-        rows += [_run_row(one, name, run) for name, run in named]
+        ruled = [run for run in one.rules.values() if isnan(run.interval)]
+        rows += [_run_row(one, run) for run in (*one.sweep, *ruled)]
     return Table(
         name="criterion_runs",
         title="Every run",
@@ -246,12 +245,12 @@ def runs_table(measured: Sequence[Measurement]) -> Table:
     )
 
 
-def _run_row(one: Measurement, name: str, run: Run) -> dict[str, Any]:
+def _run_row(one: Measurement, run: Run) -> dict[str, Any]:
     return {
         "scene": one.scene,
         "digest": one.digest,
-        "rule": name,
-        "interval": nan if run.rule.interval is None else run.rule.interval,
+        "rule": run.name,
+        "interval": run.interval,
         "cycle": run.cycle,
         "qr_factorizations": run.mean("qr_factorizations"),
         "cg_iterations": run.mean("cg_iterations"),

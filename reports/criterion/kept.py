@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from harness.criterion.kept_factors import INTERVALS, LONGEST, METHOD
+from harness.criterion.kept_factors import COLUMNS, INTERVALS, LONGEST, METHOD
 from reports.criterion.figures import plot_panels
 from reports.criterion.intervals import interval_text
 from reports.parts.sentences import join
@@ -143,7 +143,7 @@ def _range(values: pd.Series) -> str:
 
 def kept_runs_table(runs: pd.DataFrame) -> Table:
     """Every run."""
-    return Table("criterion_kept_runs", "Every run", "Times in seconds.", runs)
+    return Table("criterion_kept_runs", "Every run", "Times in seconds.", runs[list(COLUMNS)])
 
 
 def plot_kept(runs: pd.DataFrame, path: str | Path) -> Path:

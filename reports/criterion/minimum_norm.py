@@ -14,7 +14,6 @@ from typing import Any
 import pandas as pd
 
 from harness.criterion.cost_model import optimal_interval
-from harness.criterion.examination import Examination
 from harness.criterion.minimum_norm_ways import LOOSE, MinimumNormWays
 from reports.parts.sentences import join
 from reports.parts.table import Table, percent, scientific, short, whole
@@ -25,10 +24,10 @@ WAYS = ("QR per pass", "QR per step", "R anew", "R kept", "paper")
 """Columns of the table that hold flops."""
 
 
-def minimum_norm_table(examination: Examination) -> Table:
+def minimum_norm_table(ways: Sequence[MinimumNormWays]) -> Table:
     """Flops, iterations and errors of both ways, by recording."""
-    there = [one for one in examination.minimum_norm if len(one.cases)]
-    rows = [_row(one) for one in examination.minimum_norm]
+    there = [one for one in ways if len(one.cases)]
+    rows = [_row(one) for one in ways]
     return Table(
         name="criterion_minimum_norm",
         title="Minimum norm (4.8): a QR per step, or an old one with conjugate gradients",
@@ -52,14 +51,14 @@ def minimum_norm_table(examination: Examination) -> Table:
             **dict.fromkeys(["√", "c", "r"], short),
             **dict.fromkeys(["error QR", "error CG"], scientific),
         },
-        notes=_notes(there) + _absent(examination.minimum_norm),
+        notes=_notes(there) + _absent(ways),
     )
 
 
 def _row(one: MinimumNormWays) -> dict[str, Any]:
     if one.cases.empty:
         return {"scene": one.scene, "QPs": 0}
-    best, growth = one.kept[one.best], one.growth
+    best, growth, (C_QR, C_IT) = one.kept[one.best], one.growth, one.costs
     fitted = growth.prediction() if growth is not None else None
     return {
         "scene": one.scene,
@@ -69,10 +68,10 @@ def _row(one: MinimumNormWays) -> dict[str, Any]:
         "z": float(one.cases["z"].mean()),
         **_costs(one),
         "best s": one.best,
-        "√": (2 * one.C_QR / one.C_IT) ** 0.5,
+        "√": (2 * C_QR / C_IT) ** 0.5,
         "c": None if growth is None else growth.c,
         "r": None if growth is None else growth.r,
-        "s*": None if fitted is None else optimal_interval(one.C_QR, one.C_IT, *fitted),
+        "s*": None if fitted is None else optimal_interval(C_QR, C_IT, *fitted),
         "refused": int((best["refused"] != "").sum()),
         "error QR": one.cases["error"].max(),
         "error CG": max(float(run["error"].max()) for run in (*one.kept.values(), one.paper)),

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from harness.criterion.criterion import Measurement
 from harness.criterion.examination import Examination
+from harness.criterion.measurement import Measurement
 from reports.criterion.enumeration import enumeration_table
 from reports.criterion.estimates import (
     accuracy_table,
@@ -55,7 +55,7 @@ def examination_tables(examination: Examination | None) -> list[Table]:
         accuracy_table(examination),
         directions_table(examination),
         enumeration_table(examination),
-        minimum_norm_table(examination),
+        minimum_norm_table(examination.ways),
         kept_factors_table(examination.kept),
     ]
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +11,20 @@ import pytest
 from typer.testing import CliRunner
 
 from glambda.cli import app
+from harness.criterion.examination import examination_claims
+from harness.recordings.recording import write_recording
 from harness.results.claim import Claim
+from tests.fakes.runs import short_recording
 
 SMALLER: dict[str, Any] = {
     "harness.claims.stability.STEPS": 20,
     "harness.claims.convergence.SWEEP": (1e-2, 1e-3, 1e-4),
     "harness.claims.reference_motion.REFERENCE": 1e-4,
+    "harness.criterion.criterion.SWEEP": (1, 5, inf),
+    "harness.criterion.criterion.ENOUGH": 1e-3,
+    "harness.criterion.kept_factors.INTERVALS": (1, 5),
+    "harness.criterion.kept_factors.LONGEST": 10,
+    "harness.criterion.examination.examination_claims": partial(examination_claims, largest=2),
     "harness.claims.painleve.STEPS": (1e-4, 1e-5, 1e-6),
     "harness.claims.painleve.APPROACHES": (2.0, 3.0),
     "harness.claims.painleve.TOLERANCES": (1e-3, 1e-4),
@@ -23,6 +33,7 @@ COMMANDS = {
     "stability": ["stability"],
     "painleve": ["painleve"],
     "convergence": ["convergence", "wall,bodies=3"],
+    "criterion": ["criterion", "fig5.h5", "--repeats", "1"],
 }
 
 
@@ -40,6 +51,9 @@ def tables(folder: Path) -> dict[str, bytes]:
 def test_an_interrupted_campaign_continues(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_recording(Path("fig5.h5"), short_recording("fig5", 40))
+    output = tmp_path / name
     for constant, value in SMALLER.items():
         monkeypatch.setattr(constant, value)
     store, units = Claim.store, []
@@ -55,22 +69,22 @@ def test_an_interrupted_campaign_continues(
             units.append(unit)
 
         monkeypatch.setattr(Claim, "store", store_some)
-        return CliRunner().invoke(app, [*COMMANDS[name], "-o", str(tmp_path)])
+        return CliRunner().invoke(app, [*COMMANDS[name], "-o", name])
 
     stopped = run(2)
     assert stopped.exit_code == 130
     assert "what was finished is kept: the same command continues" in stopped.stderr
-    kept = stored(tmp_path)
-    assert len(kept) == 2 and not tables(tmp_path)
+    kept = stored(output)
+    assert len(kept) == 2 and not tables(output)
 
-    finished = run(float("inf"))
+    finished = run(inf)
     assert finished.exit_code == 0, finished.output
-    whole = stored(tmp_path)
+    whole = stored(output)
     assert len(units) == len(whole) - 2 > 0 and kept.items() <= whole.items()
 
-    page = tables(tmp_path)
-    for path in tmp_path.glob("*.*"):
+    page = tables(output)
+    for path in output.glob("*.*"):
         path.unlink()
     again = run(0)  # the report is made from the stored rows alone
     assert again.stdout == finished.stdout
-    assert tables(tmp_path) == page and f"{name}.md" in page
+    assert tables(output) == page and f"{name}.md" in page

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from glambda.cli import app
 from harness.criterion.column_drift import compare, drift, effort, predicted_exponent
 from harness.criterion.cost_model import fit_growth
-from harness.criterion.criterion import RULES, Measurement, growth_of, measure, measure_all
+from harness.criterion.criterion import moves, rule_runs
 from harness.criterion.factor_rules import (
     as_shipped,
     drive,
@@ -27,8 +27,9 @@ from harness.criterion.factor_rules import (
     paper_deferred,
     sequence,
 )
+from harness.criterion.measurement import RULES, Measurement, growth_of, measurements
 from harness.criterion.unit_times import PARTS, fit_unit_times
-from harness.recordings.recording import read_recording, write_recording
+from harness.recordings.recording import Recording, read_recording, write_recording
 from harness.study.record import recording_of
 from problems import scene, simulate
 from problems.qp import ContactQP
@@ -175,11 +176,16 @@ def test_the_bound_grows_slowly_while_the_condition_is_near_1() -> None:
 # Runs
 
 
+def measure(recording: Recording) -> Measurement:
+    """What runs say, without a folder between."""
+    told = {"scene": recording.scene, "digest": recording.digest}
+    (found,) = measurements(rule_runs(recording, 1).assign(**told), moves(recording).assign(**told))
+    return found
+
+
 @cache
 def measured(name: str, length: int = 150) -> Measurement:
-    found = measure(short_recording(name, length), repeats=1)
-    assert found is not None
-    return found
+    return measure(short_recording(name, length))
 
 
 def test_the_sequence_leaves_out_impulses_and_begins_anew_at_restarts() -> None:
@@ -241,7 +247,7 @@ def test_no_fixed_interval_has_a_negative_regret() -> None:
     assert min(run.cost for run in found.sweep) == found.best().cost
     for rule in ("always", "never", "s* paper", "s* fitted"):
         assert found.regret(rule) >= 0.0
-    intervals = [run.rule.interval for run in found.sweep]
+    intervals = [run.interval for run in found.sweep]
     assert intervals == sorted(intervals) and intervals[-1] == inf
 
 
@@ -259,8 +265,8 @@ def test_a_sparse_recording_is_measured_by_the_costs_of_its_own_path(
 ) -> None:
     monkeypatch.setitem(recording_of.__globals__, "reference", lambda *_, **__: None)
     run = simulate(scene("wall", bodies=25), make_solver("lotstedt"), until=0.25)
-    found = measure(recording_of(run, "lotstedt"), repeats=1)
-    assert found is not None and found.criterion.sparse == 1.0
+    found = measure(recording_of(run, "lotstedt"))
+    assert found.criterion.sparse == 1.0
     always = found.rules["always"].steps[found.counted]
     assert pytest.approx(always["C_QR"].mean()) == found.criterion.C_QR
     dense = qr_flops(int(found.criterion.rows), int(found.criterion.free))
@@ -285,9 +291,9 @@ def test_drift_is_sampled_within_a_stretch() -> None:
 def test_a_recording_without_a_warm_qp_has_nothing_to_measure() -> None:
     made = fake_recording()
     only_impulses = replace(made, qps=[replace(qp, kind="impulse") for qp in made.qps])
-    assert measure(only_impulses) is None
+    assert rule_runs(only_impulses).empty
     restarts = replace(made, qps=[replace(qp, restart=True) for qp in made.qps])
-    assert measure(restarts) is None
+    assert rule_runs(restarts).empty
 
 
 # Tables, figures, command
@@ -359,7 +365,7 @@ def test_the_command_refuses_what_it_cannot_measure(tmp_path: Path) -> None:
     path = tmp_path / "still.h5"
     write_recording(path, replace(made, qps=[replace(qp, kind="impulse") for qp in made.qps]))
     with pytest.raises(ValueError, match="record a longer motion"):
-        measure_all([read_recording(path)])
+        measure(read_recording(path))
     result = CliRunner().invoke(app, ["criterion", str(path)])
     assert result.exit_code == 2 and "longer motion" in result.stderr
     assert CliRunner().invoke(app, ["criterion", str(tmp_path / "no.h5")]).exit_code == 2

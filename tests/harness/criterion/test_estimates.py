@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from math import inf, isnan, nan
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pandas as pd
@@ -24,10 +25,13 @@ from harness.criterion.enumeration_growth import (
     randomly,
     recorded,
 )
-from harness.criterion.estimates import estimates_of, factor
-from harness.criterion.examination import Examination, examine
+from harness.criterion.estimates import ages as ages_of
+from harness.criterion.estimates import factor
+from harness.criterion.estimates import norms as norms_of
+from harness.criterion.examination import Examination, examination_claims
 from harness.judging.facts import facts_of
 from harness.recordings.recording import Recording, write_recording
+from harness.results.claim import measure
 from problems.qp import ContactQP
 from problems.sequence import WARM_KINDS
 from reports.criterion.page import examination_tables
@@ -105,7 +109,7 @@ def test_karasalo_alone_may_cut_what_the_qr_keeps() -> None:
 @pytest.mark.parametrize("name", ["fig4", "fig5"])
 def test_on_scenes_the_estimates_are_one_sided_and_the_ranks_those_of_the_svd(name: str) -> None:
     recording = scene_recording(name)
-    norms = estimates_of(recording).norms
+    norms = norms_of(recording)
     counted = norms[norms["qr_rank"] > 0]
     assert set(counted["columns"]) == {"free", "all"}
     assert (norms["columns"] == "all").sum() == sum(qp.k > 0 for qp in recording.qps)
@@ -123,7 +127,7 @@ def test_an_old_R_is_compared_with_todays_columns() -> None:
     """Orthogonal columns, then cosines 0.5 and 0.8, a restart, and 0.9 twice."""
     cosines = [0.0, 0.5, 0.8, 0.9, 0.9]
     recording = recording_of_matrices([two_columns(c) for c in cosines], restarts=(3,))
-    ages = estimates_of(recording).ages
+    ages = ages_of(recording)
     assert list(zip(ages["age"], ages["place"], strict=True)) == [(1, 1), (1, 2), (1, 4), (2, 2)]
     inverse = [1 / np.sqrt(1 - c) for c in cosines]
     np.testing.assert_allclose(ages["then"], [inverse[i] for i in (0, 1, 3, 0)])
@@ -133,7 +137,7 @@ def test_an_old_R_is_compared_with_todays_columns() -> None:
 
 def test_columns_that_were_dependent_are_told_and_new_rows_left_out() -> None:
     matrices = [two_columns(1.0), two_columns(0.5), np.hstack([two_columns(0.5), np.eye(3)[:, 2:]])]
-    ages = estimates_of(recording_of_matrices(matrices)).ages
+    ages = ages_of(recording_of_matrices(matrices))
     first, second, oldest = ages.sort_values(["age", "place"]).itertuples()
     assert isnan(first.today) and isnan(oldest.today)
     assert second.n == 2 and second.today == pytest.approx(second.then)
@@ -141,12 +145,12 @@ def test_columns_that_were_dependent_are_told_and_new_rows_left_out() -> None:
 
 def test_nothing_is_measured_beyond_the_budget(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = short_recording("fig4", 60)
-    whole = estimates_of(recording)
+    every = norms_of(recording)
+    assert not ages_of(recording).empty
     monkeypatch.setattr(estimates, "BUDGET", 20 * max(qp.m * qp.k**2 for qp in recording.qps) * 9)
-    assert estimates_of(recording).norms["place"].nunique() == 9 < whole.norms["place"].nunique()
+    assert norms_of(recording)["place"].nunique() == 9 < every["place"].nunique()
     monkeypatch.setattr(estimates, "BUDGET", 1.0)
-    nothing = estimates_of(recording)
-    assert nothing.norms.empty and nothing.ages.empty and not whole.ages.empty
+    assert norms_of(recording).empty and ages_of(recording).empty
 
 
 # (3.20)
@@ -239,7 +243,6 @@ def test_a_long_recording_is_used_from_its_beginning(monkeypatch: pytest.MonkeyP
 def frame(k: list[int], sets: list[float], directions: float = 2.0) -> pd.DataFrame:
     return pd.DataFrame(
         {
-            "source": "random",
             "arm": "cold",
             "k": k,
             "sets": sets,
@@ -332,11 +335,11 @@ def test_larger_qps_are_left_out_and_a_long_recording_is_cut(
 
 @cache
 def examined() -> Examination:
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, TemporaryDirectory() as folder:
         patch.setattr("harness.criterion.kept_factors.INTERVALS", (1, 5))
         patch.setattr("harness.criterion.kept_factors.LONGEST", 30)
         recordings = [short_recording("fig4", 80), short_recording("fig5", 80)]
-        return examine(recordings, sizes=(1, 2, 3, 5))
+        return Examination(**measure(examination_claims(recordings, largest=5), folder))
 
 
 def tables(examination: Examination) -> dict[str, Table]:
@@ -347,8 +350,9 @@ def test_tables_hold_the_worst_and_say_what_is_provoked() -> None:
     examination = examined()
     found = tables(examination)
     assert list(found) == [
-        *("criterion_norms", "criterion_kept", "criterion_rank", "criterion_accuracy"),
+        *("criterion_norms", "criterion_old_R", "criterion_rank", "criterion_accuracy"),
         *("criterion_directions", "criterion_enumeration", "criterion_minimum_norm"),
+        "criterion_kept",
     ]
     asked = examination.accuracy[examination.accuracy["asked"] == 1.0]
     worst = found["criterion_accuracy"].data
@@ -377,21 +381,19 @@ def test_a_broken_promise_is_told() -> None:
 
 
 def test_a_wrong_rank_is_told() -> None:
-    first, *others = examined().estimates
-    norms = first.norms.copy()
+    norms = examined().norms.copy()
     norms.loc[norms.index[4], "qr_rank"] = norms.loc[norms.index[4], "rank"] + 1
-    changed = replace(examined(), estimates=[replace(first, norms=norms), *others])
-    table = tables(changed)["criterion_rank"]
+    table = tables(replace(examined(), norms=norms))["criterion_rank"]
     place = norms.loc[norms.index[4], "place"]
     assert any("the QR differs" in note and f"QP {place} (" in note for note in table.notes)
     assert table.data["QR = SVD"].min() < 1
 
 
 def test_what_is_missing_is_told() -> None:
-    nothing = [replace(one, norms=one.norms[:0], ages=one.ages[:0]) for one in examined().estimates]
-    accuracy_rows = examined().accuracy
-    some = accuracy_rows[accuracy_rows["scene"] == "fig5"]
-    found = tables(replace(examined(), estimates=nothing, accuracy=some))
+    whole = examined()
+    some = whole.accuracy[whole.accuracy["scene"] == "fig5"]
+    less = replace(whole, norms=whole.norms[:0], ages=whole.ages[:0], accuracy=some)
+    found = tables(less)
     assert any("too large" in note for note in found["criterion_norms"].notes)
     assert any("fig4: without a reference" in note for note in found["criterion_accuracy"].notes)
     for table in found.values():
@@ -401,7 +403,7 @@ def test_what_is_missing_is_told() -> None:
 def test_a_size_that_was_met_warm_only_is_left_out() -> None:
     """As in a long recording, whose cold QPs run into the limit of sets before it comes."""
     rows = examined().enumeration
-    lone = rows[(rows["source"] == "fig5") & (rows["arm"] == "warm")].tail(1).assign(k=26)
+    lone = rows[(rows["scene"] == "fig5") & (rows["arm"] == "warm")].tail(1).assign(k=26)
     found = tables(replace(examined(), enumeration=pd.concat([rows, lone], ignore_index=True)))
     before = tables(examined())["criterion_enumeration"].data
     pd.testing.assert_frame_equal(found["criterion_enumeration"].data, before)
@@ -410,8 +412,9 @@ def test_a_size_that_was_met_warm_only_is_left_out() -> None:
 def test_the_command_writes_the_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, out = tmp_path / "fig5.h5", tmp_path / "out"
     write_recording(path, short_recording("fig5", 60))
-    short = examined()
-    monkeypatch.setattr("harness.criterion.examination.examine", lambda *_, **__: short)
+    monkeypatch.setattr("harness.criterion.kept_factors.LONGEST", 30)
+    claims = partial(examination_claims, largest=5)
+    monkeypatch.setattr("harness.criterion.examination.examination_claims", claims)
     result = CliRunner().invoke(app, ["criterion", str(path), "--repeats", "1", "-o", str(out)])
     assert result.exit_code == 0, result.output
     assert "Ranks against the SVD" in result.stdout

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from harness.criterion import minimum_norm_ways as ways_module
-from harness.criterion.examination import Examination
 from harness.criterion.least_norm import decompose, least_norm, project
 from harness.criterion.minimum_norm_ways import (
     MinimumNormWays,
+    case_rows,
     keep_old,
-    minimum_norm_ways,
     redundant,
+    way_rows,
 )
 from harness.recordings.recording import Recording
 from problems.least_norm.minimum_norm import minimum_norm
@@ -53,9 +53,15 @@ def recording_of(matrices: list[np.ndarray]) -> Recording:
     )
 
 
+def ways_of(recording: Recording) -> MinimumNormWays:
+    """What the rows say, without a folder between."""
+    calls, examined, cases = redundant(recording)
+    return MinimumNormWays(recording.scene, calls, examined, case_rows(cases), way_rows(cases))
+
+
 @cache
 def fig5() -> MinimumNormWays:
-    return minimum_norm_ways(scene_recording("fig5"))
+    return ways_of(scene_recording("fig5"))
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -152,7 +158,7 @@ def test_a_risen_rank_makes_a_new_decomposition_in_a_sequence() -> None:
     assert rows["refused"].tolist() == ["", "", "rank", ""]
     assert rows["age"].tolist() == [0, 1, 0, 1] and rows["order"].tolist() == [4, 4, 5, 5]
     assert rows["error"].max() < 1e-8
-    table = minimum_norm_ways(recording).cases
+    table = case_rows(cases)
     assert table["same_A"].tolist() == [False, True, False, True]
     assert (table["per_step"] < table["per_pass"]).tolist() == [False, True, False, True]
 
@@ -185,10 +191,8 @@ def test_a_long_recording_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_table_says_who_wins_and_what_is_missing() -> None:
-    empty = minimum_norm_ways(recording_of([np.eye(3)] * 2))
-    other = replace(empty, scene="empty")
-    examination = Examination([], fig5().cases, fig5().cases, [fig5(), other])
-    table = minimum_norm_table(examination)
+    empty = ways_of(recording_of([np.eye(3)] * 2))
+    table = minimum_norm_table([fig5(), replace(empty, scene="empty")])
     row = table.data.iloc[0]
     assert row["QR per pass"] == fig5().cases["per_pass"].mean()
     assert row["R kept"] == min(run["flops"].mean() for run in fig5().kept.values())
@@ -204,6 +208,6 @@ def test_a_wrong_answer_of_the_paper_s_way_is_told() -> None:
     cases = fig5().cases.copy()
     cases.loc[3, "error"] = 0.1
     wrong = replace(fig5(), cases=cases)
-    table = minimum_norm_table(Examination([], cases, cases, [wrong]))
+    table = minimum_norm_table([wrong])
     place = cases.loc[3, "place"]
     assert any("is not solved at QP" in note and str(place) in note for note in table.notes)

@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from harness.results.claim import Claim, measure
+from harness.results.claim import Claim, Row, measure
 from harness.results.store import StoreError
 
 UNITS = [{"scene": "fig2", "eps": 1e-3}, {"scene": "wall,bodies=3", "eps": 0.1 + 0.2}]
@@ -19,7 +19,6 @@ def rows_of(scene: str, eps: float) -> pd.DataFrame:
     """A row of every type, NaN, ∞ and -0 among them."""
     return pd.DataFrame(
         {
-            "scene": scene,
             "what": ["γ", "", "a, b"],
             "value": [eps, nan, -inf],
             "zero": [0.0, -0.0, 1e-300],
@@ -27,6 +26,12 @@ def rows_of(scene: str, eps: float) -> pd.DataFrame:
             "right": [True, False, True],
         }
     )
+
+
+def told(unit: Any) -> pd.DataFrame:
+    """The rows of a unit, behind what it names."""
+    rows = rows_of(**unit)
+    return rows.assign(**unit)[["scene", "eps", *rows]]
 
 
 def claim(rows: Any = rows_of) -> Claim:
@@ -39,7 +44,7 @@ def never(**_: Any) -> pd.DataFrame:
 
 def test_rows_are_given_back_as_they_were(tmp_path: Path) -> None:
     found = measure([claim()], tmp_path)["it"]
-    expected = pd.concat([rows_of(**unit) for unit in UNITS], ignore_index=True)
+    expected = pd.concat([told(unit) for unit in UNITS], ignore_index=True)
     pd.testing.assert_frame_equal(found, expected, check_exact=True)
     assert str(found["zero"][1]) == "-0.0"
 
@@ -48,11 +53,11 @@ def test_a_unit_may_have_no_rows(tmp_path: Path) -> None:
     def first_only(scene: str, eps: float) -> pd.DataFrame:
         return rows_of(scene, eps)[: 3 if scene == "fig2" else 0]
 
-    def nothing(scene: str, eps: float) -> pd.DataFrame:
-        return pd.DataFrame([], columns=["scene", "eps"])
+    def nothing(scene: str, eps: float) -> list[Row]:
+        return []
 
     found = measure([claim(first_only), Claim("none", nothing, UNITS)], tmp_path)
-    pd.testing.assert_frame_equal(found["it"], rows_of(**UNITS[0]))
+    pd.testing.assert_frame_equal(found["it"], told(UNITS[0]))
     assert found["none"].empty and list(found["none"]) == ["scene", "eps"]
 
 
@@ -67,10 +72,10 @@ def test_what_is_there_is_not_measured_again(tmp_path: Path) -> None:
 
     with pytest.raises(KeyboardInterrupt):
         measure([claim(interrupted)], tmp_path)
-    told: list[tuple[str, float, float]] = []
-    measure([claim(interrupted)], tmp_path, lambda *what: told.append(what))
+    shown: list[tuple[str, float, float]] = []
+    measure([claim(interrupted)], tmp_path, lambda *what: shown.append(what))
     assert asked == ["fig2", "wall,bodies=3", "wall,bodies=3"]
-    assert told == [("it: wall,bodies=3, 0.30000000000000004", 1, 2)]
+    assert shown == [("it: wall,bodies=3", 1, 2)]
     again = measure([Claim("it", never, UNITS)], tmp_path)["it"]
     assert len(again) == 6
 
