@@ -6,14 +6,12 @@ from typing import Any
 
 import harness
 import problems
+from harness.names import METHOD
 from harness.recordings.recording import Recording
 from problems.scenes import Scene, scene
 from problems.stepping.run import Run
 from solvers.base import Solver
 from solvers.registry import make_solver
-
-METHOD = "lotstedt"
-"""The solver where none is named."""
 
 
 def simulate(motion: Scene | str, solver: Solver | str = METHOD, **options: Any) -> Run:

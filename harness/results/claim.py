@@ -34,7 +34,7 @@ from harness.files.whole_files import write_whole
 from harness.machine.machine import machine_label, problems_version, solver_version, source_hash
 from harness.names import METHOD
 from harness.progress import Progress
-from harness.results.store import StoreError
+from harness.results.shard_file import StoreError, refuse_other
 from problems.kernels.sources import sources
 
 FORMAT_VERSION = 1
@@ -111,12 +111,7 @@ class Claim:
 
         def check(file: pq.ParquetFile, size: int) -> None:
             said = said_of_itself(file, wrong) or {}
-            for name, value in wanted.items():
-                if said.get(name) != value:
-                    raise StoreError(
-                        f"{path}: made with {name} {str(said.get(name))[:100]!r}, now {value!r}; "
-                        "results may not be mixed: use another folder, or delete this file"
-                    )
+            refuse_other(path, said, wanted)
             kinds = dict(zip(file.schema_arrow.names, file.schema_arrow.types, strict=True))
             if not set(kinds.values()) <= set(LEAST):
                 raise wrong("has columns of neither numbers nor text")

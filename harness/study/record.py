@@ -12,6 +12,7 @@ import numpy as np
 
 from harness.judging.oracle import reference
 from harness.machine.machine import problems_version, solver_version
+from harness.names import METHOD
 from harness.progress import Progress
 from harness.recordings.recording import Recording
 from problems import simulate
@@ -42,7 +43,7 @@ def record(
         if progress is not None:
             progress("simulate", t, end)
 
-    solver = make_solver("lotstedt") if solver is None else solver
+    solver = make_solver(METHOD) if solver is None else solver
     run = simulate(scene, solver, eps=eps, until=until, progress=step, **options)
     return recording_of(run, solver.name, until=end, progress=progress)
 
