@@ -57,10 +57,10 @@ publish: study campaigns growth
 	find reports/published -name '*.svg' -delete
 
 campaigns: study
-	$(BIN)/glambda replay $(FRICTION) --settings paper --solvers lotstedt,daqp,osqp,proxqp \
+	$(BIN)/glambda replay $(FRICTION) --settings paper --solvers glambda,daqp,osqp,proxqp \
 	  --arms exact,extrapolated,stale5,stale20,corrupted,bare,shuffled -o results
 	$(BIN)/glambda replay $(FRICTION) --settings 1e-2,1e-4,1e-6,1e-8,1e-10 --arms warm \
-	  --solvers lotstedt,clarabel,daqp,highs,osqp,piqp,proxqp,scs -o results
+	  --solvers glambda,clarabel,daqp,highs,osqp,piqp,proxqp,scs -o results
 	$(BIN)/glambda stretch results/recordings/fig5.h5 -o results/stretched
 	$(BIN)/glambda replay results/stretched/*.h5 --settings high --arms cold \
 	  --solvers forms -o results
@@ -77,7 +77,7 @@ peers: $(INSTALLED)
 growth: $(INSTALLED)
 	$(BIN)/glambda growth --limit 0.2 -o results/growth
 	$(BIN)/glambda growth pyramid heap,mu=0.0 --bodies 20,225,500 --limit 0.05 \
-	  --solvers lotstedt,clarabel,daqp,osqp,piqp,proxqp -o results/growth_piles
+	  --solvers glambda,clarabel,daqp,osqp,piqp,proxqp -o results/growth_piles
 
 bench: $(INSTALLED)
 	$(BIN)/python benchmarks/work_counts.py

@@ -105,7 +105,7 @@ def stages(clock: Clock) -> Iterator[None]:
 def started(start: Scene, keep_qps: bool = True, **options: Any) -> Stepper:
     eps = options.pop("eps", start.eps)
     settings = {"eps": eps, "drop_tol": eps, "rest_speed": 2 * eps} | options
-    stepper = Stepper(start, make_solver("lotstedt"), StepperOptions(**settings), keep_qps)
+    stepper = Stepper(start, make_solver("glambda"), StepperOptions(**settings), keep_qps)
     stepper.start()
     return stepper
 

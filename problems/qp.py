@@ -260,7 +260,7 @@ class Status(Enum):
 
 @dataclass(frozen=True)
 class WorkCounts:
-    """Exact, deterministic counts of the work of one solve by the paper's method."""
+    """Exact, deterministic counts of the work of one solve by algorithm 2."""
 
     descent_directions: int = 0
     working_set_changes: int = 0

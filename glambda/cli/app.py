@@ -21,7 +21,7 @@ glambda simulate fig4 --plot fig4.png
 
 glambda record fig4 -o recordings
 
-glambda replay recordings/fig4.h5 --solvers lotstedt,daqp -o results
+glambda replay recordings/fig4.h5 --solvers glambda,daqp -o results
 
 glambda report results -o report
 
@@ -79,7 +79,7 @@ DriftTime = Annotated[
 Solvers = Annotated[
     str,
     typer.Option(
-        help="names with commas between, such as lotstedt,lotstedt[exact_qr],daqp; "
+        help="names with commas between, such as glambda,lotstedt[deferred],daqp; "
         "all: every backend that is installed; forms: the packages in each form that they take"
     ),
 ]

@@ -77,7 +77,7 @@ def runs_scenes(command: Callable[..., Any]) -> Callable[..., Any]:
 def simulate(
     how: dict[str, Any],
     scene: Annotated[str, typer.Argument(help="a scene, see 'glambda scenes'")],
-    solver: Annotated[str, typer.Option(help="drives the simulation")] = "lotstedt",
+    solver: Annotated[str, typer.Option(help="drives the simulation")] = "glambda",
     settings: Sets = None,
     trajectory: Annotated[
         Path | None, typer.Option(metavar="F.csv", help="positions; events to F.events.csv")
@@ -160,7 +160,7 @@ def record(
     ] = False,
     output: Annotated[Path, typer.Option("-o", "--output", help="folder")] = Path("recordings"),
 ) -> None:
-    """Simulate scenes by the paper's method and keep every QP, with a reference answer.
+    """Simulate scenes and keep every QP, with a reference answer.
 
     One HDF5 file each, named by the scene and what differs from its defaults; the same command
     makes the same bytes on one type of processor. A recording of the scene with other QPs (another

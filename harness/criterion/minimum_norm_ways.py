@@ -154,7 +154,7 @@ def way_rows(cases: Sequence[Case]) -> pd.DataFrame:
 def redundant(recording: Recording) -> tuple[int, int, list[Case]]:
     """QPs of the sequence, how many fit into `BUDGET`, and those with redundant columns."""
     links = sequence(recording)
-    solver = make_solver("lotstedt")
+    solver = make_solver("glambda")
     cases: list[Case] = []
     spent, examined = 0.0, 0
     for place, qp, chain, _ in links:

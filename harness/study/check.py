@@ -155,7 +155,7 @@ def check_scene(label: str, until: float | None = None) -> Iterator[Finding]:
     yield Finding("is there", True, f"{len(scene.bodies)} bodies, called {scene.label}")
     same = np.array_equal(scene.q0, again.q0) and np.array_equal(scene.v0, again.v0)
     yield Finding("is made alike twice", same, "yes" if same else "no: give its chance a seed")
-    solver = make_solver("lotstedt")
+    solver = make_solver("glambda")
     run = simulate(scene, solver, until=until)
     yield Finding("moves", True, f"to t = {run.t[-1]:g} s in {run.counts['steps']} steps")
     found = physics_of(run)

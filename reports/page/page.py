@@ -8,7 +8,7 @@
 1. Read the results folder (`reports.rows.results`).
 2. Make every table that its rows allow, and write it as CSV.
 3. Draw every figure, as SVG for the page and as PNG for elsewhere.
-4. Put the answers first, then the evidence, then where the paper's method loses, then how to get
+4. Put the answers first, then the evidence, then where our method loses, then how to get
    the same numbers again.
 
 The same results give the same bytes: there is no date on the page.
@@ -26,7 +26,7 @@ import pandas as pd
 from reports.motions.frames import plot_scene
 from reports.page.findings_page import findings_page
 from reports.page.page_figures import PageFigures
-from reports.parts.names import is_method
+from reports.parts.names import is_own
 from reports.parts.sentences import Answer, join
 from reports.parts.style import draw_files
 from reports.parts.table import Table, write_tables, write_text
@@ -338,7 +338,7 @@ def table_context(table: Table) -> dict[str, Any]:
             for column in columns
             if column["name"] != hidden
         ]
-        own = is_method(str(row.get("solver", "")))
+        own = is_own(str(row.get("solver", "")))
         groups[-1]["rows"].append({"cells": cells, "own": own})
     return {
         "name": table.name,
@@ -384,7 +384,7 @@ def lead(results: Results) -> str:
 
 
 def unflattering(results: Results) -> list[str] | None:
-    """Where the paper's method does not win, or a warm start slows it; None if it was not run."""
+    """Where our method does not win, or a warm start slows it; None if it was not run."""
     if METHOD not in results.solvers:
         return None
     said: list[str] = []
@@ -393,7 +393,7 @@ def unflattering(results: Results) -> list[str] | None:
         for scene, arm in _runs(results):
             comparison = compare(results.rows, scene, setting, arm)
             said += losses(comparison)
-            if METHOD in comparison.solvers and not all(map(is_method, comparison.solvers)):
+            if METHOD in comparison.solvers and not all(map(is_own, comparison.solvers)):
                 against_others += 1
             elif comparison.qps:
                 alone += 1
@@ -477,7 +477,7 @@ def _contents(context: dict[str, Any]) -> Sequence[tuple[str, str]]:
             ("starts", "Quality of the start", context["starts"]),
             ("forms", "Forms of the QP", context["forms"]),
             ("criterion", "Criterion", context["criterion"]),
-            ("unflattering", "Where the method loses", context["unflattering"] is not None),
+            ("unflattering", "Where our method loses", context["unflattering"] is not None),
             ("protocol", "How it was measured", True),
             ("reproduce", "How to reproduce", True),
         )

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from reports.parts.names import is_method, solver_order
+from harness.names import METHOD, PAPER
+from reports.parts.names import is_own, solver_order
 from reports.parts.sentences import Answer, join
 from reports.parts.table import Table, microseconds, percent, short, times, whole
-from reports.rows.results import METHOD, Results
+from reports.rows.results import Results
 
-OLD_R = f"{METHOD}[old_r]"
 SLOW = 100.0
 """Operations per µs below which the time of a solve cannot be that of its arithmetic."""
 
@@ -35,7 +35,7 @@ def thresholds(results: Results) -> dict[str, float]:
 def sequence_rows(results: Results, scene: str) -> pd.DataFrame:
     """Rows of the QPs that a warm start can serve, at the study's first setting.
 
-    The QPs are those that the paper's method solved warm; a backend without a warm start stands
+    The QPs are those that `keeper` solved warm; a backend without a warm start stands
     with its cold rows on the same QPs.
     """
     rows = results.rows
@@ -53,14 +53,14 @@ def sequence_rows(results: Results, scene: str) -> pd.DataFrame:
 
 
 def keeper(results: Results) -> str:
-    """The variant that keeps an old R at every size, if it was run: the criterion is about it."""
-    return OLD_R if OLD_R in results.solvers else METHOD
+    """The paper's method, which the criterion is of, if it was run; else ours."""
+    return PAPER if PAPER in results.solvers else METHOD
 
 
 def criterion_tables(results: Results) -> list[Table]:
     """The criterion per scene, and what variants and backends cost on the same QPs.
 
-    Empty where the paper's method was not run warm on any scene.
+    Empty where neither the paper's method nor ours was run warm on any scene.
     """
     scenes = [scene for scene in results.scenes if len(sequence_rows(results, scene))]
     if not scenes:
@@ -145,14 +145,14 @@ def _model_notes(data: pd.DataFrame) -> list[str]:
 
 
 def alternatives_table(results: Results, scenes: list[str]) -> Table:
-    """Work and time of variants and backends on the QPs that the method started warm."""
+    """Work and time of variants and backends on the QPs that `keeper` started warm."""
     out: list[dict[str, Any]] = []
     name = keeper(results)
     for scene in scenes:
         rows = sequence_rows(results, scene)
         own = rows[rows["solver"] == name]
         for solver, part in rows.groupby("solver"):
-            counted = is_method(str(solver))
+            counted = is_own(str(solver))
             flops = part["flops"].mean() if counted else np.nan
             median = part["runtime"].median()
             out.append(
@@ -182,8 +182,8 @@ def alternatives_table(results: Results, scenes: list[str]) -> Table:
         title="The same QPs by the variants and by everybody else",
         reading=(
             f"The QPs that {name} started warm, at setting {results.headline}.  Ratios are to "
-            f"{name}: below 1 is cheaper than the paper's criterion.  Operations are counted by "
-            "the paper's method and its variants only; median is the time per QP in µs.  flops per "
+            f"{name}: below 1 is cheaper.  Operations are counted by our method, the paper's and "
+            "its variants only; median is the time per QP in µs.  flops per "
             "µs tells how much of the time is arithmetic and how much the program around it."
         ),
         data=data,
@@ -211,7 +211,7 @@ def _variant_notes(data: pd.DataFrame, name: str) -> list[str]:
             f"{name} does {_span(own['flops per µs'])} operations per µs, far from what a "
             "processor can do: its time here is mostly that of the program around the arithmetic."
         )
-    variants = data[[is_method(other) and other != name for other in data["solver"]]]
+    variants = data[[is_own(other) and other != name for other in data["solver"]]]
     for row in variants.to_dict("records"):
         where = f"On {row['scene']} {row['solver']} needs"
         if row["flops ratio"] < 1 and row["time ratio"] < 1:
@@ -248,7 +248,7 @@ def criterion_answer(results: Results) -> Answer | None:
     )
     for variant in sorted({other for other in alternatives["solver"] if other != name}):
         part = alternatives[alternatives["solver"] == variant]
-        if not is_method(variant) or part["flops ratio"].isna().all():
+        if not is_own(variant) or part["flops ratio"].isna().all():
             continue
         said.append(
             f"{variant} costs {_span(part['flops ratio'])} times the operations and "

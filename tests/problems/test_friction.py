@@ -17,7 +17,7 @@ from tests.fakes.runs import leaning_box, one_box, scene_run
 
 
 def run_of(scene: Scene, **options):
-    return simulate(scene, make_solver("lotstedt"), **options)
+    return simulate(scene, make_solver("glambda"), **options)
 
 
 def test_a_sliding_box_stops_where_coulomb_says():
@@ -90,7 +90,7 @@ def test_rest_is_rest_with_the_corrected_rule_and_not_with_the_paper_s():
     corrected = scene_run("fig5")
     slips = sum(e.kind == "slip_to_stick" for e in corrected.event_log)
     made = replace(corrected.scene, stop_at_rest=False)
-    paper = simulate(made, make_solver("lotstedt"), friction="paper", until=1.5)
+    paper = simulate(made, make_solver("glambda"), friction="paper", until=1.5)
     assert slips <= 4
     assert sum(e.kind == "slip_to_stick" for e in paper.event_log) > 10 * slips
 
@@ -120,7 +120,7 @@ def sliding_box(gain):
     """A leaning box whose λ_N(λ_*) has this slope, and its one contact."""
     speed = 1.0 if gain < 0 else -1.0
     scene = leaning_box(mu=1.0, speed=speed)
-    stepper = Stepper(scene, make_solver("lotstedt"), StepperOptions(1e-3, 1e-3, rest_speed=1.0))
+    stepper = Stepper(scene, make_solver("glambda"), StepperOptions(1e-3, 1e-3, rest_speed=1.0))
     stepper.start()
     assembly = Assembly(stepper.system.graph, stepper.system.q)
     A = (

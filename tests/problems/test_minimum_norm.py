@@ -28,7 +28,7 @@ from solvers.active_set.sparse.pattern import is_narrow
 
 
 def sequence():
-    return QPSequence(make_solver("lotstedt", accuracy=1e-13))
+    return QPSequence(make_solver("glambda", accuracy=1e-13))
 
 
 def test_null_space_is_orthonormal_and_complete():
@@ -48,7 +48,7 @@ def test_least_distance_equals_a_general_optimizer(seed):
     e = E @ rng.normal(size=3) - rng.uniform(0, 0.5, 6)  # feasible by construction
     A, d = least_distance_qp(E, e)
     qp = ContactQP(A, d, np.zeros(6), np.full(6, np.inf))
-    solution = make_solver("lotstedt", accuracy=1e-13).solve(qp)
+    solution = make_solver("glambda", accuracy=1e-13).solve(qp)
     z = least_distance_point(qp.residual(solution.x))
     best = minimize(
         lambda z: z @ z,
@@ -66,7 +66,7 @@ def test_infeasible_rows_are_seen():
     E, e = np.array([[1.0], [-1.0]]), np.array([1.0, 1.0])  # z ≥ 1 and z ≤ −1
     A, d = least_distance_qp(E, e)
     qp = ContactQP(A, d, np.zeros(2), np.full(2, np.inf))
-    solution = make_solver("lotstedt", accuracy=1e-13).solve(qp)
+    solution = make_solver("glambda", accuracy=1e-13).solve(qp)
     assert least_distance_point(qp.residual(solution.x)) is None
 
 
@@ -237,7 +237,7 @@ def test_the_sparse_way_finds_the_same_multipliers(seed, with_rows):
 def by_kernels(A, lam, lower, upper, C):
     return run_least_norm(
         *(A, lower, upper, lam, C, Arena.of(lam.size)),
-        *make_solver("lotstedt").compiled(A.shape[1]),
+        *make_solver("glambda").compiled(A.shape[1]),
     )
 
 
@@ -273,7 +273,7 @@ def test_the_compiled_null_space_is_orthonormal_and_complete(shape):
 def test_qps_that_are_not_kept_are_left_to_the_solver():
     A, lam, lower, upper, C = two_tables(np.random.default_rng(0), mu=0.4)
     qp = ContactQP(A, -A @ lam, lower, upper)
-    kept, unkept = (QPSequence(make_solver("lotstedt"), keep) for keep in (True, False))
+    kept, unkept = (QPSequence(make_solver("glambda"), keep) for keep in (True, False))
     one, other = (minimum_norm(qps, qp, lam, C) for qps in (kept, unkept))
     np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
     assert kept.count == unkept.count == len(kept.qps) and not unkept.qps
@@ -314,7 +314,7 @@ def test_the_sparse_way_leaves_fixed_rows_and_unique_answers_alone():
 def test_a_large_wall_at_rest_is_one_pass_and_sparse_for_the_solver():
     """Dense, the minimum-norm QPs of 1,000 bodies would take minutes."""
     wall = scene("wall", bodies=150, mu=0.3, speed=0.0)
-    run = simulate(wall, make_solver("lotstedt"), fixed_step=1 / 240, until=3 / 240)
+    run = simulate(wall, make_solver("glambda"), fixed_step=1 / 240, until=3 / 240)
     least = [qp for qp in run.qps if qp.kind == "minimum_norm"]
     assert least
     assert all(is_narrow(qp.A) for qp in least)
@@ -367,7 +367,7 @@ def test_the_ridge_keeps_its_pattern_where_entries_cancel() -> None:
 def test_a_chain_goes_on_from_its_like() -> None:
     """The second ridge QP of a minimum norm, and those of the next one, start from the last."""
     made = scene("wall", bodies=160, mu=0.4)
-    cold, starts = make_solver("lotstedt"), []
+    cold, starts = make_solver("glambda"), []
 
     class Watching:
         name = "watching"
@@ -379,7 +379,7 @@ def test_a_chain_goes_on_from_its_like() -> None:
 
     run = simulate(made, Watching(), until=5e-6)
     assert not starts[0] and all(starts[2:]) and len(starts) >= 4
-    again = make_solver("lotstedt", accuracy=None)
+    again = make_solver("glambda", accuracy=None)
     for qp, found in zip(run.qps, run.solutions, strict=True):
         if qp.kind == "minimum_norm":
             apart = again.solve(qp).x

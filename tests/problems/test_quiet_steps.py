@@ -24,7 +24,7 @@ SAME = 1e-10
 
 def both(name: str, parameters: dict, **options):
     runs = [
-        simulate(scene(name, **parameters), make_solver("lotstedt"), keep_qps=keep, **options)
+        simulate(scene(name, **parameters), make_solver("glambda"), keep_qps=keep, **options)
         for keep in (True, False)
     ]
     return runs
@@ -91,7 +91,7 @@ def test_most_steps_are_left_to_the_solver(name, until, monkeypatch):
         "_try_velocity",
         lambda self, *args: alone.append(self.system.t) or advance(self, *args),
     )
-    run = simulate(scene(name), make_solver("lotstedt"), until=until, keep_qps=False)
+    run = simulate(scene(name), make_solver("glambda"), until=until, keep_qps=False)
     assert len(alone) < 0.1 * run.counts["steps"]
 
 
@@ -104,7 +104,7 @@ def test_the_solver_is_not_asked_where_it_is_known_to_take_no_steps(name, in_vai
         taken.append(int(run.tally[0]["taken"]))
 
     monkeypatch.setattr(quiet, "run_quiet_steps", watched)
-    simulate(scene(name), make_solver("lotstedt"), until=0.7, keep_qps=False)
+    simulate(scene(name), make_solver("glambda"), until=0.7, keep_qps=False)
     assert taken
     # a collision is seen coming; contacts that jam are not
     assert taken.count(0) <= in_vain * len(taken)
@@ -122,7 +122,7 @@ def test_redundant_contacts_that_all_slide_share_their_load():
         mu=0.45,
         end_time=0.3,
     )
-    solver = make_solver("lotstedt")
+    solver = make_solver("glambda")
     kept, left = (simulate(sledge, solver, keep_qps=keep) for keep in (True, False))
     assert left.counts == kept.counts and kept.counts["qps"] > 2 * kept.counts["steps"]
     np.testing.assert_allclose(left.q, kept.q, rtol=0, atol=SAME)
@@ -150,7 +150,7 @@ def test_contacts_leave_and_slip_within_compiled_steps(name, kinds, monkeypatch)
     seen, advance = [], Stepper.advance
     monkeypatch.setattr(Stepper, "_after_quiet_steps", watched)
     monkeypatch.setattr(Stepper, "advance", stepped)
-    simulate(scene(name), make_solver("lotstedt"), until=0.8, keep_qps=False)
+    simulate(scene(name), make_solver("glambda"), until=0.8, keep_qps=False)
     assert sorted(inside) == kinds
 
 
@@ -161,7 +161,7 @@ def test_steps_of_several_calls_are_those_of_one(name, until, monkeypatch):
     runs = []
     for most in (quiet.MOST, 2, 1):
         monkeypatch.setattr(quiet, "MOST", most)
-        runs.append(simulate(scene(name), make_solver("lotstedt"), until=until, keep_qps=False))
+        runs.append(simulate(scene(name), make_solver("glambda"), until=until, keep_qps=False))
     for run in runs[1:]:
         np.testing.assert_array_equal(run.q, runs[0].q)
         np.testing.assert_array_equal(run.gaps, runs[0].gaps)
@@ -194,7 +194,7 @@ def test_compiled_calls_are_made_with_the_same_types_always(monkeypatch):
         ):
             simulate(
                 scene(case, **parameters),
-                make_solver("lotstedt", accuracy=1e-9 if case == "fig4" else None),
+                make_solver("glambda", accuracy=1e-9 if case == "fig4" else None),
                 until=0.6,
                 eps=0.01,
                 impulses="newton_coulomb",
@@ -219,7 +219,7 @@ def test_a_load_that_begins_is_obeyed():
 
     pushed = replace(scene("fig2"), forces=(Load(4, (1.5, 0.0, 0.0), 0.1, 0.2),))
     kept, left = (
-        simulate(pushed, make_solver("lotstedt"), until=0.35, keep_qps=keep)
+        simulate(pushed, make_solver("glambda"), until=0.35, keep_qps=keep)
         for keep in (True, False)
     )
     np.testing.assert_allclose(left.q, kept.q, rtol=0, atol=SAME)
@@ -236,7 +236,7 @@ def test_a_rest_that_has_ended_is_forgotten():
         stop_at_rest=True,
     )
     options = StepperOptions.of(sliding.eps)
-    stepper = Stepper(sliding, make_solver("lotstedt"), options, keep_qps=False)
+    stepper = Stepper(sliding, make_solver("glambda"), options, keep_qps=False)
     stepper.start()
     stepper.system.rest_since = -1.0
     stepper.advance(1.0)
@@ -249,7 +249,7 @@ def test_a_corner_that_left_sunk_comes_back_to_the_edge():
     """Its reference level is forgotten far outside, on the way too."""
     fig4 = scene("fig4")
     sunk = replace(fig4, q0=fig4.q0 - [0.0, 1e-5, 0.0])
-    stepper = Stepper(sunk, make_solver("lotstedt"), StepperOptions.of(1e-4), keep_qps=False)
+    stepper = Stepper(sunk, make_solver("glambda"), StepperOptions.of(1e-4), keep_qps=False)
     stepper.start()
     assert stepper.system.graph.candidates.levels()
     stepper.advance(0.1)

@@ -21,7 +21,7 @@ TIGHT = 1e-10
 @cache
 def solved(name: str, warm: bool):
     """(facts, reference, solution, whether warm) of every QP of a scene, solved tightly."""
-    solver, last, out = make_solver("lotstedt"), None, []
+    solver, last, out = make_solver("glambda"), None, []
     recording = scene_recording(name)
     for qp, reference in zip(recording.qps, recording.references, strict=True):
         facts = facts_of(qp)

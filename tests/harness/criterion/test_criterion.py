@@ -216,16 +216,16 @@ def test_counts_are_the_same_in_every_run() -> None:
         pd.testing.assert_frame_equal(drive(links, rule)[COUNTED], drive(links, rule)[COUNTED])
 
 
-def test_the_deferred_rule_factorizes_after_a_qp_of_too_many_iterations() -> None:
+def test_the_deferred_rule_factorizes_after_a_direction_of_too_many_iterations() -> None:
     steps = drive(sequence(short_recording("fig4", 150)), paper_deferred())
-    each = steps["cg_iterations"] / steps["descent_directions"].clip(lower=1)
-    limit = np.ceil(np.sqrt(2 * steps["C_QR"] / steps["C_IT"].clip(lower=1.0)))
-    beyond = (each > limit) & (steps["f"] > 0)
-    followed = beyond.shift(fill_value=False) & steps["warm"] & (steps["f"] > 0)
-    assert followed.sum() > 3
-    assert (steps.loc[followed, "qr_factorizations"] >= 1).all()
-    kept = ~followed & steps["warm"]
-    assert steps.loc[kept, "qr_factorizations"].sum() == 0
+    limit = np.sqrt(2 * steps["C_QR"] / steps["C_IT"].clip(lower=1.0))
+    settled = (steps["f"] > 0) & (steps["descent_directions"] <= 1)
+    within, beyond = steps["cg_iterations"] <= limit, steps["cg_iterations"] > 2 * limit
+    follows = steps["warm"] & (steps["f"] > 0)
+    after = [(settled & group).shift(fill_value=False) & follows for group in (within, beyond)]
+    assert after[0].sum() > 3 and after[1].sum() > 3
+    assert (steps.loc[after[0], "qr_factorizations"] == 0).all()
+    assert (steps.loc[after[1], "qr_factorizations"] >= 1).all()
 
 
 def test_costs_are_means_over_qps_with_a_predecessor_and_a_free_column() -> None:
@@ -264,8 +264,8 @@ def test_a_sparse_recording_is_measured_by_the_costs_of_its_own_path(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(recording_of.__globals__, "reference", lambda *_, **__: None)
-    run = simulate(scene("wall", bodies=25), make_solver("lotstedt"), until=0.25)
-    found = measure(recording_of(run, "lotstedt"))
+    run = simulate(scene("wall", bodies=25), make_solver("glambda"), until=0.25)
+    found = measure(recording_of(run, "glambda"))
     assert found.criterion.sparse == 1.0
     always = found.rules["always"].steps[found.counted]
     assert pytest.approx(always["C_QR"].mean()) == found.criterion.C_QR

@@ -171,7 +171,7 @@ def test_outcomes_of_a_shuffled_pass_are_in_the_order_of_the_qps() -> None:
         np.testing.assert_allclose(qp.A @ one.x, qp.A @ other.x, atol=1e-9 * np.abs(qp.d).max())
 
 
-@pytest.mark.parametrize("solver", ["lotstedt", "velocity", "daqp", "osqp", "proxqp", "scs"])
+@pytest.mark.parametrize("solver", ["glambda", "velocity", "daqp", "osqp", "proxqp", "scs"])
 def test_every_start_leads_to_the_same_answer_and_a_better_one_to_less_work(solver: str) -> None:
     recording = scene_recording("fig4")
     names = ("qps", "references", "solutions", "mu")
@@ -192,20 +192,20 @@ def test_every_start_leads_to_the_same_answer_and_a_better_one_to_less_work(solv
 
 
 def test_who_has_which_arms() -> None:
-    assert all(has_arm(solver_class("lotstedt"), arm) for arm in EVERY_ARM)
+    assert all(has_arm(solver_class("glambda"), arm) for arm in EVERY_ARM)
     assert [arm for arm in EVERY_ARM if has_arm(solver_class("clarabel"), arm)] == [
         *("cold", "warm", "shuffled")
     ]
     assert [arm for arm in EVERY_ARM if has_arm(solver_class("quadprog"), arm)] == ["cold"]
     with pytest.raises(ValueError, match="arm 'tepid' is unknown; choose from cold, warm, exact"):
-        has_arm(solver_class("lotstedt"), "tepid")
+        has_arm(solver_class("glambda"), "tepid")
 
 
 @pytest.mark.parametrize("arm", ["shuffled", "stale5", "exact"])
 def test_a_row_of_any_arm_can_be_had_again(arm: str) -> None:
     made = fake_recording(length=12)
-    rows = replay(made, ["lotstedt"], ["1e-4"], [arm], repeats=1).set_index("step")
-    row = reproduce(made, "lotstedt", "1e-4", arm, 8)
+    rows = replay(made, ["glambda"], ["1e-4"], [arm], repeats=1).set_index("step")
+    row = reproduce(made, "glambda", "1e-4", arm, 8)
     for name in ("verdict", "glambda_error", "asked", "warm_started", "descent_directions"):
         assert row[name] == rows.loc[8, name]
 
@@ -227,7 +227,7 @@ def test_other_settings_are_refused(given: str) -> None:
         setting_name(given)
 
 
-@pytest.mark.parametrize("solver", ["lotstedt", "daqp", "osqp", "proxqp", "scs"])
+@pytest.mark.parametrize("solver", ["glambda", "daqp", "osqp", "proxqp", "scs"])
 def test_an_adopted_memory_starts_as_if_there_were_none(solver: str) -> None:
     """What counts is x and the working set that are handed over, not those of the memory."""
     chosen = make_solver(solver, accuracy=1e-9)
@@ -237,7 +237,7 @@ def test_an_adopted_memory_starts_as_if_there_were_none(solver: str) -> None:
     bare = chosen.solve(qp, replace(right, memory=None))
     adopted = chosen.solve(qp, replace(right, memory=chosen.adopt(last.memory, right)))
     assert adopted.found and bare.found
-    if solver == "lotstedt":
+    if solver == "glambda":
         assert adopted.work == bare.work
         np.testing.assert_array_equal(adopted.x, bare.x)
     else:
