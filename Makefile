@@ -7,6 +7,7 @@
 # make test    all tests
 # make check   those that a person runs while working: under a minute, and it says what it leaves out
 # make rounding  the numerically delicate tests once more, rounded as on another processor
+# make docs    the documentation as a site, which it installs Sphinx for: site/index.html
 # Each makes the virtual environment .venv first if it is missing; Python 3.11 or newer is needed.
 
 PYTHON ?= python3
@@ -17,7 +18,7 @@ INSTALLED := $(VENV)/.installed
 FRICTION := results/recordings/fig4.h5 results/recordings/fig5.h5
 SCENES := results/recordings/fig2.h5 results/recordings/fig3.h5 $(FRICTION)
 
-.PHONY: study quick publish campaigns peers growth bench test check rounding lint clean
+.PHONY: study quick publish campaigns peers growth bench test check rounding lint docs clean
 
 study: $(INSTALLED)
 	$(BIN)/glambda study
@@ -96,6 +97,10 @@ lint: $(INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+docs: $(INSTALLED)
+	$(BIN)/python -m pip install --quiet -e '.[dev,docs]'
+	$(BIN)/sphinx-build -W -q -b html docs site
 
 $(INSTALLED): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
