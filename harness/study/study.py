@@ -21,7 +21,7 @@ from harness.machine.calibration import clock_facts
 from harness.machine.machine import library_versions, machine, solver_version
 from harness.names import METHOD, PAPER
 from harness.passes.limits import TIME_LIMIT
-from harness.passes.starts import ARMS
+from harness.passes.starts import STUDY_ARMS
 from harness.progress import Progress
 from harness.recordings.recording import Recording
 from harness.results.store import Store
@@ -51,7 +51,7 @@ class StudyPlan:
     until: float | None = None
     solvers: tuple[str, ...] = ()
     settings: tuple[str, ...] = SETTINGS
-    arms: tuple[str, ...] = ARMS
+    arms: tuple[str, ...] = STUDY_ARMS
     repeats: int = 3
     time_limit: float = TIME_LIMIT
     slow_pass: float = 3.0

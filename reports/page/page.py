@@ -63,6 +63,7 @@ from reports.sections.tables import (
     warm_table,
 )
 from reports.sections.thresholds import criterion_answer, criterion_tables, thresholds
+from reports.sections.warm_worth import change_table, split_table
 from reports.sections.work import plot_work, work_rows
 
 LONG = 60
@@ -313,6 +314,10 @@ class _Writer:
         if not set(ARMS) <= set(results.rows["arm"].unique()):
             return None
         tables = [self.table(warm_table(results, name)) for name in results.settings]
+        told_apart = [split_table(results, name) for name in results.settings]
+        changed = [change_table(results, name) for name in results.settings[:1]]
+        more = [self.table(table) for table in (*told_apart, *changed) if table is not None]
+        tables = [*more, *tables]
         return {"headline": tables[0], "tables": tables[1:]}
 
 

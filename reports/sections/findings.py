@@ -15,6 +15,7 @@ from reports.parts.table import microseconds, percent, scientific, short
 from reports.rows.comparison import compare, pool, summarise
 from reports.rows.results import ARMS, METHOD, Results
 from reports.sections.tables import SLOWER, warm_pairs, warm_row
+from reports.sections.warm_worth import warm_answer
 
 
 def sequence_arm(results: Results) -> str:
@@ -152,7 +153,10 @@ def how_accurate(results: Results) -> Answer | None:
 
 
 def warm_start_worth(results: Results) -> Answer | None:
-    """Our method warm against cold, and who gains most and least."""
+    """What the object and what the start is worth, or both where they were not told apart."""
+    told_apart = warm_answer(results)
+    if told_apart is not None:
+        return told_apart
     setting = results.headline
     if setting is None or not set(ARMS) <= set(results.rows["arm"].unique()):
         return None
@@ -168,7 +172,8 @@ def warm_start_worth(results: Results) -> Answer | None:
         own = table.loc[METHOD]
         share = own["one direction, warm"]
         said.append(
-            f"{METHOD} needs {short(own['time ratio'])} of its cold time when started warm, "
+            f"{METHOD} needs {short(own['time ratio'])} of its cold time when started warm, what "
+            "it saves by keeping its object included, "
             f"over {int(own['pairs']):,} QPs that do not follow a restart"
             + (
                 f"; {percent(share)} of them take at most one descent direction, "

@@ -130,7 +130,7 @@ def start_rows(**changes: Any) -> pd.DataFrame:
 
 
 def test_every_arm_has_its_place() -> None:
-    assert {*ORDER, "cold"} == set(EVERY_ARM)
+    assert {*ORDER, "cold", "kept"} == set(EVERY_ARM)
 
 
 def test_ratios_are_those_to_the_own_cold_twin() -> None:

@@ -67,7 +67,7 @@ def make_rows(
                     for i in range(qps):
                         key = (scene, solver, setting, arm, i)
                         word = verdict(*key) if verdict else "verified"
-                        own = solver.startswith("glambda")
+                        own = solver.startswith(("glambda", "lotstedt"))
                         row = {
                             "problem": f"{scene}/{i:06d}",
                             "solver": solver,
@@ -493,7 +493,24 @@ def test_criterion_tables(study):
     assert other.loc[("fig2", "lotstedt[exact_qr]"), "time ratio"] == pytest.approx(1.5)
     assert other.loc[("fig2", "daqp"), "time ratio"] == pytest.approx(0.1)
     assert np.isnan(other.loc[("fig2", "daqp"), "flops per QP"])
-    assert "conjugate gradient iterations" in criterion_answer(study).caption
+    assert criterion_answer(study) is None  # nobody keeps R at every size
+
+
+def test_when_to_refactorize_is_told_in_two_sentences():
+    solvers = ("glambda", "lotstedt", "lotstedt[deferred]")
+    rows = make_rows(solvers=solvers)
+    rows.loc[rows["solver"] == "glambda", "cg_iterations"] = 0
+    for solver, flops in zip(solvers, (600, 1200, 900), strict=True):
+        rows.loc[rows["solver"] == solver, "flops"] = flops
+    answer = criterion_answer(results_of(rows))
+    whether, when = answer.sentences
+    assert whether.startswith("Do not keep R on QPs like those of fig2 and fig4: glambda, which")
+    assert "0.667 times the operations of lotstedt[deferred]" in whether
+    assert "factorize at the next QP where a direction took more iterations" in when
+    assert "lotstedt does 1.33 times its operations" in when
+    assert answer.figure == "at every QP" and answer.caption.startswith("by glambda")
+    rows.loc[rows["solver"] == "glambda", "flops"] = 1800
+    assert criterion_answer(results_of(rows)).sentences[0].startswith("Keep R on QPs like")
 
 
 # Reading results

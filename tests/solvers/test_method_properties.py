@@ -99,7 +99,7 @@ def test_sparse(case: Posed) -> None:
     qp, expected = case
     for method in METHODS:
         assert_same(qp, solved(qp, method), expected, accuracy(qp))
-    assert_same(qp, solved(replace(qp, A=qp.dense_A), ""), expected, accuracy(qp))
+    assert_same(qp, solved(replace(qp, A=qp.dense_A), "glambda"), expected, accuracy(qp))
 
 
 @examples(100)
@@ -204,7 +204,7 @@ def test_updated_equals_fresh(k: int, seed: int) -> None:
         qp = ContactQP(columns[:, rows], d, lower, np.full(rows.size, INF), row_id=rows)
         last = solver.solve(qp, last)
         x = assert_solved(qp, last, 1e-9)
-        assert_same(qp, x, solved(qp, "exact_qr"), 1e-9)
+        assert_same(qp, x, solved(qp, "lotstedt[exact_qr]"), 1e-9)
         assert last.work is not None and last.work.qr_factorizations == (day == 0)
     again = replace(qp, d=qp.d * (1 + 1e-6 * rng.standard_normal(qp.m)))
     after = solver.solve(again, last)

@@ -69,7 +69,7 @@ def test_how_far_back() -> None:
 
 def test_memory_is_that_of_the_last_solve_and_is_told_where_x_is_another() -> None:
     qps = stretch([0.1 * i for i in range(8)])
-    for arm in ("warm", "bare", "extrapolated", "stale5", "corrupted"):
+    for arm in ("warm", "bare", "kept", "extrapolated", "stale5", "corrupted"):
         given = walk(arm, qps, numbered(qps))
         handed = {i: s.memory for i, s in given.items() if s is not None}
         assert len(handed) == (3 if arm == "stale5" else 7)
@@ -90,11 +90,38 @@ def test_a_stretch_ends_at_a_restart_and_impulses_stand_apart(arm: str) -> None:
         start = starts.of(i)
         if i in (0, 2, 24):
             assert start is None
-        elif start is not None and arm not in ("exact", "corrupted"):
+        elif start is not None and arm not in ("exact", "corrupted", "kept"):
             assert start.x[0] != 2.0  # not from the impulse
             assert i < 24 or start.x[0] >= 24
         starts.take(i, solution_of(qps[i], answer))
     assert np.flatnonzero(after_restart(qps)).tolist() == [0, 24]
+
+
+def test_kept_is_cold_but_for_the_memory() -> None:
+    qps = stretch([0.1 * i for i in range(3)])
+    given = walk("kept", qps, numbered(qps))
+    assert given[0] is None
+    for i in (1, 2):
+        np.testing.assert_array_equal(given[i].x, np.clip(0.0, qps[i].lower, qps[i].upper))
+        assert (given[i].working_set == FREE).all()
+        assert given[i].memory == f"of {i - 1}, adopted"
+
+
+@pytest.mark.parametrize("name", ["glambda", "lotstedt"])
+def test_a_kept_workspace_does_the_work_of_a_cold_solve(name: str) -> None:
+    solver, last, compared = make_solver(name), None, 0
+    starts = Starts(solver, "kept", scene_recording("fig5").qps)
+    for i in starts.order[:80]:
+        qp, start = starts._qps[i], starts.of(i)
+        last = solver.solve(qp, start)
+        cold = solver.solve(qp)
+        if start is not None:
+            assert np.shares_memory(last.memory.S, start.memory.S)
+            assert last.iterations == cold.iterations
+            assert np.linalg.norm(qp.A @ (last.x - cold.x)) <= 2 * qp.eps0
+            compared += qp.k > 0
+        starts.take(i, last)
+    assert compared > 20
 
 
 def test_extrapolation_is_linear_in_time_and_stands_where_time_stands() -> None:
@@ -197,7 +224,7 @@ def test_who_has_which_arms() -> None:
         *("cold", "warm", "shuffled")
     ]
     assert [arm for arm in EVERY_ARM if has_arm(solver_class("quadprog"), arm)] == ["cold"]
-    with pytest.raises(ValueError, match="arm 'tepid' is unknown; choose from cold, warm, exact"):
+    with pytest.raises(ValueError, match="arm 'tepid' is unknown; choose from cold, kept, warm"):
         has_arm(solver_class("glambda"), "tepid")
 
 
