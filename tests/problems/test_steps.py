@@ -151,7 +151,7 @@ def test_most_steps_are_left_to_compiled_code(name, until, monkeypatch):
         Stepper, "_see_to_step", lambda self, *args: seen.append(self.system.t) or see(self, *args)
     )
     run = simulate(scene(name), make_solver("lotstedt"), until=until, keep_qps=False)
-    assert len(seen) < 0.2 * run.counts["steps"]
+    assert len(seen) < 0.3 * run.counts["steps"]
 
 
 def test_redundant_contacts_that_all_slide_share_their_load():
@@ -267,7 +267,8 @@ def test_a_corner_that_left_sunk_comes_back_to_the_edge():
     stepper = Stepper(sunk, make_solver("lotstedt"), StepperOptions.of(1e-4), keep_qps=False)
     stepper.start()
     assert stepper.system.graph.candidates.levels()
-    stepper.advance(0.1)
+    while stepper.system.t < 0.1:
+        stepper.advance(0.1)
     assert stepper.system.t == 0.1
     assert [event.kind for event in stepper.system.event_log].count("drop") == 2
     candidates = stepper.system.graph.candidates
