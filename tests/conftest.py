@@ -39,7 +39,7 @@ SLOW = {
 """Reason → modules."""
 ROUNDING = (
     "test_active_set test_coulomb_lcp test_cycling_examples test_friction test_judge "
-    "test_minimum_norm test_newton_coulomb test_proof test_quiet_steps test_same_force "
+    "test_minimum_norm test_newton_coulomb test_proof test_same_force test_steps "
     "test_sparse_path test_stepper"
 )
 ROUNDING_SCENE = "fig4"

@@ -52,9 +52,9 @@ def package(kind: str, name: str) -> dict[str, str]:
     loader = jinja2.FileSystemLoader(TEMPLATES)
     make = jinja2.Environment(loader=loader, keep_trailing_newline=True)
     files = {
-        "pyproject.toml": "pyproject.toml",
-        f"{name}.py": f"{kind}/module.py",
-        f"tests/test_{name}.py": f"{kind}/test.py",
+        "pyproject.toml": "pyproject.toml.jinja",
+        f"{name}.py": f"{kind}/module.py.jinja",
+        f"tests/test_{name}.py": f"{kind}/test.py.jinja",
     }
     words = {"kind": kind, "name": name, "target": target}
     return {path: make.get_template(file).render(words) for path, file in files.items()}

@@ -11,7 +11,7 @@ from harness.claims.slide import STEEPEST, Slide, growth, rod_of_gain, slide_of
 from harness.results.claim import measure
 from problems import Run, scene, simulate
 from problems.contacts.assembly import Assembly
-from problems.friction.passes import largest_gain
+from problems.friction.newton import largest_gain
 from problems.stepping.stepper import Stepper, StepperOptions
 from reports.claims.painleve import painleve_tables, write_painleve
 from solvers import make_solver
