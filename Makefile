@@ -65,6 +65,8 @@ campaigns: study
 	$(BIN)/glambda stretch results/recordings/fig5.h5 -o results/stretched
 	$(BIN)/glambda replay results/stretched/*.h5 --settings high --arms cold \
 	  --solvers forms -o results
+	$(BIN)/glambda disturb $(FRICTION) -o results/disturbed
+	$(BIN)/glambda replay results/disturbed/*.h5 --settings paper --arms cold,warm -o results
 
 peers: $(INSTALLED)
 	$(BIN)/python -m pip install --quiet -e '.[dev,peers]'

@@ -19,6 +19,7 @@ from glambda.cli import listing  # noqa: F401
 from glambda.cli import simulation  # noqa: F401
 from glambda.cli import replays  # noqa: F401
 from glambda.cli import stretching  # noqa: F401
+from glambda.cli import disturbing  # noqa: F401
 from glambda.cli import exchange  # noqa: F401
 from glambda.cli import campaigns  # noqa: F401
 from glambda.cli import convergence  # noqa: F401

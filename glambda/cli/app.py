@@ -41,7 +41,7 @@ RESUMED = (
     *("closed_loop", "peers", "study"),
 )
 """Commands that continue from their results folder, where they were given one, after Ctrl-C."""
-WRITES_EACH = ("record", "stretch", "import_")
+WRITES_EACH = ("record", "stretch", "disturb", "import_")
 """Commands that have written some of their files by then, and begin anew."""
 
 Command = TypeVar("Command", bound=Callable[..., Any])

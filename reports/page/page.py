@@ -39,8 +39,14 @@ from reports.sections.certificates import (
     plot_certificates,
     references_table,
 )
+from reports.sections.disturbances import disturbances_table
 from reports.sections.figures import plot_accuracy, plot_cost, plot_profiles
-from reports.sections.findings import how_accurate, warm_start_worth, which_method
+from reports.sections.findings import (
+    how_accurate,
+    sequence_arm,
+    warm_start_worth,
+    which_method,
+)
 from reports.sections.forms import form_rows, forms_answer, forms_tables, plot_forms
 from reports.sections.pareto import (
     pareto_answer,
@@ -51,6 +57,7 @@ from reports.sections.pareto import (
 )
 from reports.sections.physics import physics_table
 from reports.sections.protocol import protocol, recordings_table, reproduce, versions_table
+from reports.sections.ranking import ranking_table
 from reports.sections.spread import spread_table
 from reports.sections.starts import plot_starts, starts_answer, starts_tables
 from reports.sections.tables import (
@@ -163,6 +170,7 @@ class _Writer:
             "warm": self.warm(),
             "starts": self.starts(),
             "forms": self.forms(),
+            "disturbed": self.disturbed(),
             "criterion": criterion,
             "unflattering": unflattering(results),
             "protocol": protocol(results),
@@ -245,7 +253,10 @@ class _Writer:
         results = self.results
         if results.headline is None:
             return None
+        arm = sequence_arm(results)
+        ranked = [self.table(ranking_table(results, name, arm)) for name in results.settings]
         tables = [self.table(cost_table(results, name)) for name in results.settings]
+        tables += ranked[1:]
         tables += [self.table(spread_table(results, name)) for name in results.settings]
         figures = []
         name = _with_times(results)
@@ -264,7 +275,12 @@ class _Writer:
                     lambda path: plot_profiles(results, name, path),
                 ),
             ]
-        return {"headline": tables[0], "tables": tables[1:], "figures": figures}
+        return {
+            "ranking": ranked[0],
+            "headline": tables[0],
+            "tables": tables[1:],
+            "figures": figures,
+        }
 
     def pareto(self) -> dict[str, Any] | None:
         tables = [self.table(table) for table in pareto_tables(self.results)]
@@ -308,6 +324,10 @@ class _Writer:
                 )
             ]
         return {"headline": tables[0], "tables": tables[1:], "figures": figures}
+
+    def disturbed(self) -> dict[str, Any] | None:
+        table = disturbances_table(self.results)
+        return None if table is None else self.table(table)
 
     def warm(self) -> dict[str, Any] | None:
         results = self.results
@@ -481,6 +501,7 @@ def _contents(context: dict[str, Any]) -> Sequence[tuple[str, str]]:
             ("warm-start", "Warm start", context["warm"]),
             ("starts", "Quality of the start", context["starts"]),
             ("forms", "Forms of the QP", context["forms"]),
+            ("disturbed", "Disturbances", context["disturbed"]),
             ("criterion", "Criterion", context["criterion"]),
             ("unflattering", "Where our method loses", context["unflattering"] is not None),
             ("protocol", "How it was measured", True),

@@ -67,6 +67,8 @@ COLUMNS = (
 )
 """Columns without which no table can be made; a store may hold more."""
 
+DISTURBED = ",disturbed="
+"""What the label of a recording made by `glambda disturb` contains, before what was done."""
 KEY = ["solver", "settings", "arm", "problem"]
 
 
@@ -143,6 +145,7 @@ def set_apart(rows: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
         ~rows["arm"].isin(ARMS),
         rows["settings"].map(is_number).astype(bool),
         rows["solver"].map(form_of).notna(),
+        rows["scene"].str.contains(DISTURBED, regex=False),
     ]
     aside = pd.Series(False, index=rows.index)
     for of_campaign in apart:

@@ -130,6 +130,7 @@ def test_simulate_writes_its_files(tmp_path: Path) -> None:
     [
         *("record fig3", "growth tower", "closed-loop fig3", "convergence fig3", "stability"),
         *("painleve", "peers", "study", "report {results}", "criterion {fig3}", "stretch {fig3}"),
+        "disturb {fig3}",
         *("replay {fig3}", "verify {fig3}"),
     ],
 )
@@ -354,6 +355,7 @@ def test_ctrl_c_promises_what_is_true(
         ("verify", {"output": Path("results")}, CONTINUES),
         ("verify", {"output": None}, ""),
         ("stretch", {"output": Path("recordings")}, KEPT),
+        ("disturb", {"output": Path("recordings")}, KEPT),
         ("simulate", {}, ""),
     ],
 )
