@@ -30,6 +30,7 @@ from glambda.cli import studies  # noqa: F401
 from glambda.cli import compare  # noqa: F401
 from glambda.cli import check  # noqa: F401
 from glambda.cli import new  # noqa: F401
+from glambda.cli import doctor  # noqa: F401
 # isort: on
 
 
