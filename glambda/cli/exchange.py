@@ -77,3 +77,33 @@ def export(
     for path in files:
         written = export_recording(read_recording(path), form, output)
         say(str(written[0]) + (f" and {len(written) - 1} more" if len(written) > 1 else ""))
+
+
+@app.command()
+@told
+def certify(
+    files: Files,
+    certificate: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="F.cert", help="default: beside the recording"),
+    ] = None,
+) -> None:
+    """Write certificates: of each QP the working set and x as fractions, which anybody can check.
+
+    The checker that is named at the end needs nothing but Python.
+
+    Example:  glambda certify recordings/fig4.h5 -o fig4.cert
+    """
+    from harness.exchange.certificates import CHECKER
+    from harness.exchange.certificates import certify as certify_recording
+    from harness.progress import shown
+    from harness.recordings.recording import read_recording
+
+    if certificate is not None and len(files) > 1:
+        raise ValueError(f"-o {certificate}: is one file for {len(files)} recordings; leave it out")
+    for path in files:
+        target = path.with_suffix(".cert") if certificate is None else certificate
+        with shown(f"certify {path.name}", terminal(err=True)) as tell:
+            made = certify_recording(read_recording(path), target, tell)
+        say(f"{target}: {made.made} QPs certified, {len(made.without)} without")
+    say(f"to check: python {CHECKER} {target}")

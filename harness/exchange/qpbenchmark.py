@@ -25,7 +25,7 @@ SUFFIXES = (".parquet",)
 KEYS = ("P", "q", "G", "h", "A", "b", "lb", "ub")
 TEST_SET = '''"""{name}: contact QPs of glambda, for qpbenchmark.
 
-    qpbenchmark {name}.py run
+    qpbenchmark --results-path results.csv {name}.py run
 """
 
 from pathlib import Path
@@ -33,7 +33,7 @@ from pathlib import Path
 import qpbenchmark
 
 
-class {name}(qpbenchmark.ParquetTestSet):
+class {title}(qpbenchmark.ParquetTestSet):
     description = "min 1/2 |A x + d|^2 within bounds, as P = A'A, q = A'd"
     sparse_only = False
     title = "{name}"
@@ -90,6 +90,7 @@ def write(folder: Path, recording: Recording) -> list[Path]:
     """
     name = re.sub(r"\W", "_", recording.scene)
     name = name if name.isidentifier() else f"set_{name}"
+    title = name.title().replace("_", "")  # as qpbenchmark calls the class of a file
     columns: dict[str, list[Any]] = {key: [] for key in (*KEYS, "name")}
     for number, qp in enumerate(recording.qps):
         A = qp.dense_A
@@ -105,5 +106,5 @@ def write(folder: Path, recording: Recording) -> list[Path]:
     pq.write_table(table, buffer)
     data, source = folder / f"{name}.parquet", folder / f"{name}.py"
     write_whole(data, buffer.getvalue())
-    write_whole(source, TEST_SET.format(name=name).encode())
+    write_whole(source, TEST_SET.format(name=name, title=title).encode())
     return [data, source]

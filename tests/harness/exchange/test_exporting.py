@@ -52,7 +52,7 @@ def test_a_test_set_is_solved_there_and_judged_here(fig4: Recording, tmp_path: P
     import qpsolvers
 
     _, source = export(fig4, "qpbenchmark", tmp_path)
-    problems = list(loaded(source).fig4())
+    problems = list(loaded(source).Fig4())
     assert isinstance(problems[0], qpbenchmark.Problem)
     assert len(problems) == len(fig4.qps)
     judged = 0
@@ -66,7 +66,8 @@ def test_a_test_set_is_solved_there_and_judged_here(fig4: Recording, tmp_path: P
 
 
 def test_a_test_set_comes_back(fig4: Recording, tmp_path: Path) -> None:
-    data, _ = export(fig4, "qpbenchmark", tmp_path)
+    data, source = export(fig4, "qpbenchmark", tmp_path)
+    assert "class Fig4(qpbenchmark.ParquetTestSet)" in source.read_text()
     after = import_files([data])
     for one, other in zip(fig4.qps, after.qps, strict=True):
         assert np.allclose(one.dense_A.T @ one.dense_A, other.dense_A.T @ other.dense_A)
