@@ -27,7 +27,7 @@ What holds for all of them:
 3. In `kept` x is the feasible point nearest to 0 and no row is in the working set.
 4. **Memory** (a native workspace, multipliers) is that of the last solve in every arm but `cold`
    and `bare`: a start that spares a set-up is not comparable to one that does not.  Where x is
-   another's, the solver is told so before the clock is read, and makes its memory agree with it
+   another's, the solver is told so, on the clock, and makes its memory agree with it
    (`Solver.adopt`): multipliers are −Δ of that x, an old R is dropped.  Solvers whose warm start
    carries no x (`carries_x`) have none of the arms that replace it, and no `bare`; what is called
    `warm` of them is `kept`.
@@ -41,13 +41,12 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.recordings.recording import Reference
+from harness.passes.wire import Question
 from problems.qp import (
     AT_LOWER,
     AT_UPPER,
@@ -55,6 +54,7 @@ from problems.qp import (
     ContactQP,
     Solution,
     Status,
+    Vector,
     positions_of,
     working_set_of,
 )
@@ -80,11 +80,12 @@ class Moment(NamedTuple):
     """What is known when a QP is about to be solved.
 
     number : of the QP in the recording;  past : of its stretch, oldest first, not empty
+    reference : (k,) x, in the arm that starts from it
     """
 
     number: int
     qp: ContactQP
-    reference: Reference | None
+    reference: Vector | None
     past: Sequence[Past]
 
 
@@ -97,7 +98,7 @@ def exact(now: Moment) -> Solution | None:
     """The reference's x and working set, where there is a reference."""
     if now.reference is None:
         return None
-    x = now.reference.x.copy()
+    x = now.reference.copy()
     return Solution(x, now.qp.row_id, Status.SOLVED, working_set_of(now.qp, x))
 
 
@@ -158,13 +159,18 @@ def carries_x(solver: type[Solver]) -> bool:
     return solver.warm_start not in ("none", "workspace")
 
 
+def check_arm(arm: str) -> None:
+    """Raise ValueError for an unknown arm."""
+    if arm not in EVERY_ARM:
+        raise ValueError(f"arm {arm!r} is unknown; choose from {', '.join(EVERY_ARM)}")
+
+
 def has_arm(solver: type[Solver], arm: str) -> bool:
     """Whether a solver can be run in an arm.
 
     Raises ValueError for an unknown arm.
     """
-    if arm not in EVERY_ARM:
-        raise ValueError(f"arm {arm!r} is unknown; choose from {', '.join(EVERY_ARM)}")
+    check_arm(arm)
     if arm in REPLACED or arm == "bare":
         return carries_x(solver)
     return arm == "cold" or solver.warm_start != "none"
@@ -190,53 +196,31 @@ def after_restart(qps: Sequence[ContactQP]) -> NDArray[np.bool_]:
 
 
 class Starts:
-    """Hands out the starts of one pass in one arm, and is told every solution.
+    """Hands out the starts of one pass in one arm, and is told every solution."""
 
-    first : where in the order the pass begins; whatever comes first has no predecessor
-
-    Raises ValueError for an unknown arm.
-    """
-
-    def __init__(
-        self,
-        solver: Solver,
-        arm: str,
-        qps: Sequence[ContactQP],
-        references: Sequence[Reference | None] | None = None,
-        first: int = 0,
-    ) -> None:
-        if arm not in EVERY_ARM:
-            raise ValueError(f"arm {arm!r} is unknown; choose from {', '.join(EVERY_ARM)}")
-        self.order = order_of(arm, len(qps))
-        self.alone = after_restart(qps)
-        if first:
-            grouped = (i for i in self.order[first:] if qps[i].kind in WARM_KINDS)
-            self.alone[list(islice(grouped, 1))] = True
-        self._solver, self._arm, self._qps = solver, arm, qps
-        self._references = references if references is not None else [None] * len(qps)
+    def __init__(self, solver: Solver, arm: str) -> None:
+        self._solver, self._arm = solver, arm
         self._make = REPLACED.get(arm)
         self._last: Solution | None = None
         self._past: deque[Past] = deque(maxlen=FARTHEST)
 
-    def of(self, index: int) -> Solution | None:
-        """What QP `index`, the next one, is started from."""
-        qp = self._qps[index]
+    def of(self, question: Question) -> tuple[Solution | None, bool]:
+        """What the next QP is started from, and whether its memory is of another x (`adopt`)."""
+        qp = question.qp
         if qp.kind not in WARM_KINDS:
-            return None
-        if self.alone[index] and self._arm != "shuffled":
+            return None, False
+        if question.alone and self._arm != "shuffled":
             self._last = None
             self._past.clear()
         last = usable(self._last)
         if last is None or self._make is None:
-            return last
-        made = usable(self._make(Moment(index, qp, self._references[index], self._past)))
-        if made is None:
-            return None
-        return replace(made, memory=self._solver.adopt(last.memory, made))
+            return last, False
+        made = self._make(Moment(question.number, qp, question.reference, self._past))
+        made = usable(made)
+        return (None, False) if made is None else (replace(made, memory=last.memory), True)
 
-    def take(self, index: int, solution: Solution | None) -> None:
-        """The solver's own solution of QP `index`; None where it raised."""
-        qp = self._qps[index]
+    def take(self, qp: ContactQP, solution: Solution | None) -> None:
+        """The solver's own solution of that QP; None where it raised."""
         if qp.kind not in WARM_KINDS or self._arm == "cold":
             return
         self._last = solution

@@ -22,6 +22,7 @@ import multiprocessing as mp
 import os
 import signal
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -116,10 +117,10 @@ def _guard(worker: int) -> NoReturn:
     os._exit(code)
 
 
-def begin(words: Path) -> None:
+def begin(words: Path, home: Path | None = None) -> None:
     """Become a process of our own, as the module says; first of all in a fresh one.
 
-    words : file for what it prints
+    words : file for what it prints;  home : a folder for its temporary files and caches
     """
     if hasattr(os, "setsid"):
         os.setsid()
@@ -127,6 +128,9 @@ def begin(words: Path) -> None:
     prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     prctl(PR_SET_CHILD_SUBREAPER, 1)
     _redirect(words)
+    if home is not None:
+        os.environ |= dict.fromkeys(("TMPDIR", "HOME", "XDG_CACHE_HOME"), str(home))
+        tempfile.tempdir = None
     ask_for_one_thread()
     with contextlib.suppress(ImportError):  # Windows
         import resource
@@ -196,9 +200,20 @@ def cause_of_death(code: int) -> str:
 
 def family(pid: int, recursive: bool = True) -> set[psutil.Process]:
     """What a process has forked, and what that has forked and so on, as far as it lives."""
+    found: set[psutil.Process] = set()
     with contextlib.suppress(psutil.Error):
-        return set(filter(_lives, psutil.Process(pid).children(recursive)))
-    return set()
+        if not _may_have_forked(pid):
+            return found
+        found.update(filter(_lives, psutil.Process(pid).children(recursive)))
+    return found
+
+
+def _may_have_forked(pid: int) -> bool:
+    """False where Linux says that it has no child; psutil looks at all processes there are."""
+    try:
+        return any(path.read_text() for path in Path(f"/proc/{pid}/task").glob("*/children"))
+    except OSError:
+        return True
 
 
 def _lives(process: psutil.Process) -> bool:

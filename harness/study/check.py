@@ -26,9 +26,9 @@ import scipy.sparse as sp
 
 from harness.judging.judge import judge
 from harness.judging.oracle import reference
-from harness.machine.machine import solver_version
 from harness.motions.run_physics import physics_of
 from harness.passes.starts import ARMS
+from harness.processes.introduction import solver_version
 from harness.recordings.of_qps import recording_from
 from harness.recordings.recording import Recording, RecordingError, read_recording, write_recording
 from harness.study.record import record, recording_of

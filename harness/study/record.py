@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from harness.judging.oracle import reference
-from harness.machine.machine import problems_version, solver_version
+from harness.machine.machine import problems_version
 from harness.names import METHOD
+from harness.processes.introduction import solver_version
 from harness.progress import Progress
 from harness.recordings.recording import Recording
 from problems import simulate

@@ -18,10 +18,11 @@ from pathlib import Path
 
 from harness.judging.facts import SETTINGS
 from harness.machine.calibration import clock_facts
-from harness.machine.machine import library_versions, machine, solver_version
+from harness.machine.machine import library_versions, machine
 from harness.names import METHOD, PAPER
 from harness.passes.limits import TIME_LIMIT
 from harness.passes.starts import STUDY_ARMS
+from harness.processes.introduction import solver_version
 from harness.progress import Progress
 from harness.recordings.recording import Recording
 from harness.results.store import Store

@@ -25,7 +25,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from harness.machine.machine import solver_version
+from harness.processes.introduction import forget
 from harness.results.changes import Changes, compare_results
 from harness.study.replay import replay
 from harness.study.study import record_into
@@ -43,12 +43,12 @@ def study(recordings: Sequence[Path], folder: Path, planted: str = "") -> Path:
     """Replay the recordings into a folder, with a change planted in one of the solvers."""
     if planted:
         registry.register(planted, PLANTED[planted])
-    solver_version.cache_clear()
+    forget()
     try:
         replay(recordings, SOLVERS, ("high",), results=folder)
     finally:
         registry._REGISTERED.pop(planted, None)
-        solver_version.cache_clear()
+        forget()
     return folder
 
 

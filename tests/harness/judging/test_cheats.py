@@ -18,8 +18,8 @@ from harness.judging.error_bound import error_bound
 from harness.judging.facts import facts_of
 from harness.judging.judge import VERIFIED_WITHIN
 from harness.judging.oracle import reference
-from harness.machine.machine import solver_version
 from harness.passes.limits import TIME_LIMIT
+from harness.processes.introduction import forget
 from harness.recordings.recording import Reference
 from problems.qp import ContactQP, Vector, positions_of
 from reports.rows.comparison import compare
@@ -263,7 +263,7 @@ class Picker(Right):
 
 @pytest.fixture
 def cheats(monkeypatch: pytest.MonkeyPatch) -> None:
-    solver_version.cache_clear()
+    forget()
     known = (Right, Eraser, Rebinder, Returner, Picker)
     found = {cls.__name__.lower(): f"{cls.__module__}:{cls.__name__}" for cls in known}
     monkeypatch.setattr(registry, "_REGISTERED", found)

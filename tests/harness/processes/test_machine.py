@@ -15,10 +15,10 @@ from harness.machine.machine import (
     machine,
     machine_label,
     problems_version,
-    solver_version,
     source_hash,
 )
 from harness.machine.threads import VARIABLES, ask_for_one_thread, one_thread, threads_asked_for
+from harness.processes.introduction import solver_version
 
 
 def test_no_host_names_and_no_paths() -> None:

@@ -13,7 +13,8 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from harness.machine.machine import problems_version, solver_version
+from harness.machine.machine import problems_version
+from harness.processes.introduction import solver_version
 from harness.recordings.recording import write_recording
 from harness.results.store import TIMES as SHARD_TIMES
 from harness.results.store import read_results
