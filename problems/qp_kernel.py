@@ -80,5 +80,5 @@ def no_method(A, d, lower, upper, row_id, S, I, eps0, mode):
     return False
 
 
-ASKED = no_method, np.zeros((1, 1)), np.zeros((1, 1), np.int64), 0.0, 0
+NO_METHOD = no_method, np.zeros((1, 1)), np.zeros((1, 1), np.int64), 0.0, 0
 """solve, S, I, eps0 and mode where QPs are asked for."""
