@@ -318,7 +318,7 @@ class Lotstedt(Solver):
         mode: int = self._small  # type: ignore[attr-defined]
         if self.variant or mode & CUSTOM or k > SMALL_CALLS:
             return None
-        return CompiledMethod(solve, mode)
+        return CompiledMethod(solve.address, mode)
 
     def room(self, m: int, k: int, eps0: float, start: Solution | None) -> Room:
         """A workspace for m rows and k columns, with what `start` remembers."""
