@@ -17,12 +17,13 @@ handed to them, at some 10 ns a call.  A solver that has one offers the three fu
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numba import types
 
-from problems.kernels.compiled import SOURCES, function_decorator, kernel
+from problems.kernels.compiled import kernel
+from problems.kernels.numba_internals import function_at
 from problems.qp import Indices, Solution, Vector
 
 X = 0
@@ -38,11 +39,15 @@ SIGNATURE = types.boolean(
     *(_floats, _ints, types.float64, types.int64),
 )
 
+method_at = function_at(SIGNATURE)
+"""`solve` itself, from its address, which kernels are handed."""
+
 
 class CompiledMethod(NamedTuple):
-    """A QP method: `solve` made with `problems.kernels.compiled.function_of`, and its mode."""
+    """A QP method: the address of its `solve`, made by `kernels.compiled.function_decorator`, and
+    its mode."""
 
-    solve: Any
+    solve: int
     mode: int
 
 
@@ -74,11 +79,5 @@ def room_size(m, k):
     return (max(m, k) + LANES - 1) // LANES * LANES
 
 
-@function_decorator(SOURCES, SIGNATURE)
-def no_method(A, d, lower, upper, row_id, S, I, eps0, mode):
-    """The method of a solver that has none: QPs are asked for."""
-    return False
-
-
-ASKED = no_method, np.zeros((1, 1)), np.zeros((1, 1), np.int64), 0.0, 0
-"""solve, S, I, eps0 and mode where QPs are asked for."""
+NO_METHOD = 0, np.zeros((1, 1)), np.zeros((1, 1), np.int64), 0.0, 0
+"""solve, S, I, eps0 and mode where there is none, and QPs are asked for."""

@@ -34,7 +34,7 @@ from problems.friction.posed import PosedPasses, start
 from problems.kernels.arena import Arena
 from problems.kernels.compiled import Direct
 from problems.qp import Vector
-from problems.qp_kernel import ASKED, CompiledMethod
+from problems.qp_kernel import NO_METHOD, CompiledMethod
 from problems.sequence import QPSequence, SimulationError
 
 run_fixed_point = Direct(fixed_point)
@@ -140,7 +140,7 @@ class _Collision:
         """How the passes end, with any solver."""
         posed = PosedPasses(self.qps, self.passes, self.layout, own=False, t=self.t)
         while True:
-            ended: int = run_fixed_point(self.passes, *ASKED)[0]
+            ended: int = run_fixed_point(self.passes, *NO_METHOD)[0]
             if ended == ANSWER:
                 posed.answer("impulse")
             elif ended == GUESS:

@@ -44,7 +44,7 @@ from problems.kernels.numba_internals import lent, read_only
 from problems.least_norm.independence import SAFE_FRACTION, far_from_dependent
 from problems.least_norm.least_distance import least_norm
 from problems.qp import LARGEST, Indices, Vector
-from problems.qp_kernel import WARM, X
+from problems.qp_kernel import WARM, X, method_at
 
 iteration_error = kernel(multistep.iteration_error)
 
@@ -189,7 +189,7 @@ def solve_posed(p, solve, S, I, eps0, mode):
         safe = p.bound.size == 0 or far_from_dependent(p.A, SAFE_FRACTION, arena)
         now.redundant = 0 if safe else 1
     if k > 0:  # (3.2), (4.6)
-        solved = solve(
+        solved = method_at(solve)(
             *(read_only(p.A), read_only(p.d), read_only(p.lower), read_only(p.upper)),
             *(read_only(frictions.row_id), S, I, eps0, mode),
         )

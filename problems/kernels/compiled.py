@@ -12,14 +12,12 @@ import hashlib
 import os
 import sys
 import tempfile
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core.errors import NumbaExperimentalFeatureWarning
 
 from problems.kernels.numba_internals import LOST
 from problems.kernels.sources import defining, sources
@@ -97,10 +95,7 @@ class Direct:
     def __call__(self, *arguments: Any) -> Any:
         if self._code is None:
             signature = tuple(numba.typeof(argument) for argument in arguments)
-            with warnings.catch_warnings():
-                # functions as arguments are "experimental"; what is used of them is tested
-                warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
-                self.kernel.compile(signature)
+            self.kernel.compile(signature)
             self._code = self.kernel.overloads[signature].entry_point
         return self._code(*arguments)
 

@@ -20,7 +20,7 @@ from problems.kernels.numba_internals import in_rows, read_only
 from problems.least_norm.independence import ACCURACY, RANK_TOL
 from problems.least_norm.sparse_minimum_norm import SAME_FORCE
 from problems.qp import Indices, Vector
-from problems.qp_kernel import N_FLOAT_ROWS, N_INT_ROWS, WARM, X, room_size
+from problems.qp_kernel import N_FLOAT_ROWS, N_INT_ROWS, WARM, X, method_at, room_size
 
 
 class LeastDistance(NamedTuple):
@@ -219,7 +219,7 @@ def solved_point(E, e, arena, solve, mode):
         lower[c], upper[c] = 0.0, inf
     S = table(arena, N_FLOAT_ROWS + 3 * n, n)
     I = in_rows(integers(arena, N_INT_ROWS * n), N_INT_ROWS, n)
-    solve(
+    method_at(solve)(
         *(read_only(A), read_only(d), read_only(lower), read_only(upper)),
         *(read_only(acts), S, I, ACCURACY, mode & ~WARM),
     )

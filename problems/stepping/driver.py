@@ -23,7 +23,7 @@ from problems.friction.posed import PosedPasses
 from problems.kernels.arena import Arena
 from problems.kernels.compiled import Direct
 from problems.qp import Solution, Status, Vector
-from problems.qp_kernel import ASKED, WARM
+from problems.qp_kernel import NO_METHOD, WARM
 from problems.stepping.drift import closing_motion
 from problems.stepping.records import (
     CLOCK,
@@ -32,6 +32,7 @@ from problems.stepping.records import (
     MOST,
     TALLY,
     TRIAL,
+    TRY,
     Ends,
     Near,
     Scratch,
@@ -45,6 +46,9 @@ from problems.stepping.system import System
 from problems.stepping.velocity import VelocityStep
 
 run_steps = Direct(take_steps)
+ASKED = 3000
+"""Steps of one call times coordinates where QPs are asked for: after so many it is told how far it
+has come."""
 NO_CONTACT = Solution(
     x=np.zeros(0),
     row_id=np.zeros(0, dtype=np.int64),
@@ -123,40 +127,44 @@ class Driver:
 
     def go_on(self) -> int:
         """Take steps, and follow: why no more are taken, see `problems.stepping.records`."""
-        while True:
-            ended = self._call()
-            if ended == FORCES:
-                self._give_forces()
-            elif ended == ANSWER:
-                self._give_answer()
-            elif ended == GUESS:
-                assert self._posed is not None
-                self._posed.guess(self._assembly())
-            elif ended == FAILED:  # by the compiled method: the solver may know more ways
-                self.trial["asks"] = 1
-                self.prepare(self.signs, self._places)
-            else:
-                return ended
+        try:
+            while True:
+                ended = self._call()
+                if ended == FORCES:
+                    self._give_forces()
+                elif ended == ANSWER:
+                    self._give_answer()
+                elif ended == GUESS:
+                    assert self._posed is not None
+                    self._posed.guess(self._assembly())
+                elif ended == FAILED:  # by the compiled method: the solver may know more ways
+                    self._follow()
+                    self.trial["asks"] = 1
+                    self.prepare(self.signs, self._places)
+                else:
+                    return ended
+        finally:
+            self._follow()
 
     def _call(self) -> int:
         run, system, tally = self._run, self.system, self._tally[0]
         if self.trial["asks"]:
-            run_steps(run, *ASKED)
-        else:
-            k = run.passes.x.size
-            method = system.qps.compiled(k)
-            assert method is not None
-            eps0 = asked_accuracy(
-                system.options.eps, self._settings.corrects and self.signs.size > 0
-            )
-            room = self._solver.room(system.q.size, k, eps0, system.qps.start())
-            mode, now = method.mode | WARM if room.warm else method.mode, run.passes.now[0]
-            now["solves"] = 0
-            run_steps(run, method.solve, room.S, room.I, room.eps0, mode)
-            if now["solves"] or tally["taken"]:
-                last = self._solver.last_answer(room) if k else NO_CONTACT
-                system.qps.went_on(last, int(tally["solves"]))
-        self._follow()
+            taken, rejected = int(tally["taken"]), int(tally["rejected"])
+            run_steps(run, *NO_METHOD)
+            if tally["taken"] > taken or tally["rejected"] > rejected:
+                system.qps.settle(accepted=bool(tally["taken"] > taken))
+            return int(tally["ended"])
+        k = run.passes.x.size
+        method = system.qps.compiled(k)
+        assert method is not None
+        eps0 = asked_accuracy(system.options.eps, self._settings.corrects and self.signs.size > 0)
+        room = self._solver.room(system.q.size, k, eps0, system.qps.start())
+        mode, now = method.mode | WARM if room.warm else method.mode, run.passes.now[0]
+        now["solves"] = 0
+        run_steps(run, method.solve, room.S, room.I, room.eps0, mode)
+        if now["solves"] or tally["taken"]:
+            last = self._solver.last_answer(room) if k else NO_CONTACT
+            system.qps.went_on(last, int(tally["solves"]))
         return int(tally["ended"])
 
     # --- before --------------------------------------------------------------------------------
@@ -216,6 +224,14 @@ class Driver:
             scratch=self._scratch,
         )
 
+    def cut(self, h: float, places: Places) -> None:
+        """Go on with a step of length h [s], which is known to be met by nothing before its end."""
+        self.trial["looked"] = self.trial["cut"] = h
+        if places or self._run.near.corner is not self.system.graph.candidates.corner:
+            self.prepare(self.signs, places)
+        else:
+            self.trial["stage"] = TRY
+
     def _set_clock(self, asks: bool) -> None:
         """The state where steps begin, and how far they may go."""
         system, history = self.system, self.system.history
@@ -228,7 +244,8 @@ class Driver:
         clock["until"] = min(ahead, self._end)
         self._tally[:] = 0
         tally["steps"], tally["known"] = history.steps, system.lam_known
-        tally["most"], tally["is_open"] = 1 if asks else MOST, self._end < ahead
+        tally["most"] = min(max(1, ASKED // system.q.size), MOST) if asks else MOST
+        tally["is_open"] = self._end < ahead
         tally["watched"] = system.gain_watch.failed or system.options.drift == "projection"
 
     def _room(self, active: ActiveSet, signs: Vector, asks: bool) -> tuple[Passes, Ends]:
@@ -257,7 +274,7 @@ class Driver:
         passes, ends, t = run.passes, run.ends, float(trial["t"])
         if trial["stage"] == FORCED:
             self._posed = None
-            ends.forces_before[:] = system.force(system.q, system.history.v, t)
+            ends.forces_before[:] = system.force(run.state.q, run.state.v, t)
             if system.drift_time < inf:
                 assembly = self._assembly()
                 layout = self._active.layout(self.signs)
@@ -289,12 +306,9 @@ class Driver:
         system, run, tally, clock = self.system, self._run, self._tally[0], self._clock[0]
         taken, rejected = int(tally["taken"]), int(tally["rejected"])
         tally["taken"] = tally["rejected"] = tally["solves"] = 0
-        if rejected:
-            system.qps.settle(accepted=False)
-            system.counts["rejected_steps"] += rejected
+        system.counts["rejected_steps"] += rejected
         if not taken:
             return
-        system.qps.settle(accepted=True)
         track, m, active = run.track[:taken].copy(), system.q.size, self._active
         system.stretches.append(
             Stretch(

@@ -83,34 +83,48 @@ class Ahead(NamedTuple):
         return bool(self.hits or self.losses) and self.h < SHORTEST_STEP
 
 
+class May(NamedTuple):
+    """What may be met on a path: a corner hits a part, parts overlap, a corner leaves its edge."""
+
+    hits: bool = True
+    overlaps: bool = True
+    ends: bool = True
+
+
+ANYTHING = May()
+
+
 def look_ahead(
-    graph: ConstraintGraph, path: Path, h: float, slowest: float, allowed: float = np.inf
+    graph: ConstraintGraph,
+    path: Path,
+    h: float,
+    slowest: float,
+    allowed: float = np.inf,
+    may: May = ANYTHING,
 ) -> Ahead:
     """What is met first on a path to h.
 
     allowed : overlap that drift may leave [m]
     """
-    hits, losses, handed_over, too_deep = _met(graph, path, h, slowest, allowed)
+    geometry, near = graph.geometry, graph.candidates
+    near.cover(path.start, path(h), graph.active_set().place)
+    pose = geometry.pose(path(h))
+    handed_over, losses = edge_ends(graph, path, h, pose) if may.ends else ({}, [])
+    hits = first_hits(graph, path, h, pose, slowest) if may.hits else []
+    too_deep: dict[tuple[int, int], float] = {}
+    if may.overlaps:
+        late, too_deep = late_hits(graph, path, h, pose, slowest, allowed)
+        hits += late
     if not (hits or losses):
         return Ahead(h, [], [], handed_over, too_deep)
     first = min([*(hit.h for hit in hits), *(loss.h for loss in losses)])
     hits = [hit for hit in hits if hit.h <= first + SAME_TIME]
     losses = [loss for loss in losses if loss.h <= first + SAME_TIME]
     if SHORTEST_STEP <= first < h:
-        _, _, handed_over, too_deep = _met(graph, path, first, np.inf, allowed)
+        pose = geometry.pose(path(first))
+        handed_over, _ = edge_ends(graph, path, first, pose)
+        _, too_deep = late_hits(graph, path, first, pose, np.inf, allowed)
     return Ahead(min(first, h), hits, losses, handed_over, too_deep)
-
-
-def _met(graph: ConstraintGraph, path: Path, h: float, slowest: float, allowed: float) -> tuple:
-    """The earliest collisions and losses of support on the way, and the rest of `Ahead` at h."""
-    geometry, near, active = graph.geometry, graph.candidates, graph.active_set()
-    near.cover(path.start, path(h), active.place)
-    pose = geometry.pose(path(h))
-    clearance = geometry.clearance(pose, near.corner, near.part)
-    handed_over, losses = edge_ends(graph, path, h, pose)
-    hits = first_hits(graph, path, h, clearance, slowest)
-    late, too_deep = late_hits(graph, path, h, pose, slowest, allowed)
-    return hits + late, losses, handed_over, too_deep
 
 
 def locate_zero(function: Callable[[float], float], h: float, f0: float, f1: float) -> float:
@@ -135,7 +149,7 @@ def approach_speed(
 
 
 def first_hits(
-    graph: ConstraintGraph, path: Path, h: float, clearance: Vector, slowest: float
+    graph: ConstraintGraph, path: Path, h: float, pose: Pose, slowest: float
 ) -> list[Hit]:
     """The earliest collisions along the path within h; several if simultaneous, sorted.
 
@@ -144,9 +158,10 @@ def first_hits(
     redundant there or the parts are not approaching (faster than `slowest`) along the normal of the
     edge concerned.
 
-    clearance : (L,) of all candidates at path(h)
+    pose : that of path(h)
     """
     geometry, near = graph.geometry, graph.candidates
+    clearance = geometry.clearance(pose, near.corner, near.part)
     way = ways(path.velocity, path.curvature, h, geometry.radius)
     both = way[geometry.corner_body[near.corner]] + way[geometry.part_body[near.part]]
     there = np.flatnonzero(near.free & ~miss(0.0, clearance - near.level, both))

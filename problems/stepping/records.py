@@ -87,7 +87,7 @@ TRIAL = np.dtype(
     [
         *((name, np.float64) for name in ("t", "h", "wish", "w", "longest", "cut", "looked")),
         *((name, np.int64) for name in ("stage", "order", "tries", "redone", "located")),
-        *((name, np.int64) for name in ("stuck", "asks")),
+        *((name, np.int64) for name in ("hits", "overlaps", "ends", "stuck", "asks")),
     ],
     align=True,
 )
@@ -98,6 +98,7 @@ w : h_n/h_{n−1};  order : of AB-r and BDF-r
 looked : h up to which the stepper has looked what is met, 0 where it has not
 stage : see `LOOK_BACK`;  tries : trials;  redone, located : those whose error was too large, and
 those in which friction stops
+hits, overlaps, ends : whether a corner may hit a part, parts overlap, a corner leave its edge
 stuck : whether λ_* begins with ∞, as if every contact in J_FO stuck whatever its load
 asks : whether QPs are asked for
 """

@@ -51,6 +51,7 @@ from problems.stepping.events import (
     TOUCH_TOL,
     Ahead,
     Hit,
+    May,
     SlideOff,
     look_ahead,
     touching,
@@ -249,10 +250,10 @@ class Stepper:
         """Step 3 as far as it concerns positions: h of the trial ends where something is met."""
         system, driver, trial = self.system, self._driver, self._driver.trial
         limits = system.slowest_approach, system.allowed_overlap
-        ahead = look_ahead(system.graph, driver.path, float(trial["h"]), *limits)
+        may = May(*(bool(trial[name]) for name in May._fields))
+        ahead = look_ahead(system.graph, driver.path, float(trial["h"]), *limits, may)
         if not ahead.stands:
-            trial["looked"] = trial["cut"] = ahead.h
-            driver.prepare(driver.signs, ahead.handed_over)
+            driver.cut(ahead.h, ahead.handed_over)
         return ahead
 
     def _see_to_failure(self, unsettled: int) -> None:

@@ -235,7 +235,7 @@ def overlaps(run, pose):
 
 
 @stage
-def slides_off(ends):
+def leaves_edge(ends):
     """Step 3: whether an active corner is beyond its edge."""
     beyond = False
     for j in range(ends.along.size):
@@ -252,6 +252,7 @@ def begin(run):
         return GIVES_UP
     note_span(run)
     looked = trial.looked > 0.0
+    trial.hits = trial.overlaps = trial.ends = 1
     if looked and trial.h != trial.looked:
         return MEETS
     moved = largest_motion(run.near.listed_at, ends.q, shapes.radius)
@@ -259,12 +260,13 @@ def begin(run):
         return AGAIN if tally.taken > 0 else MEETS
     pose = pose_of(run, ends.q)
     note_clearances(run, pose, run.near.after)
-    if not looked and (may_hit(run, pose) or overlaps(run, pose)):
-        return MEETS
     note_columns(run, pose, ends.phi_after)
-    if not looked and slides_off(ends):
-        return MEETS
-    return GOES_ON
+    if looked:
+        return GOES_ON
+    trial.hits = 1 if may_hit(run, pose) else 0
+    trial.overlaps = 1 if overlaps(run, pose) else 0
+    trial.ends = 1 if leaves_edge(ends) else 0
+    return MEETS if trial.hits + trial.overlaps + trial.ends > 0 else GOES_ON
 
 
 @stage

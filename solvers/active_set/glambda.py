@@ -65,7 +65,7 @@ class Glambda(ActiveSet):
         more than what a kept R would save.
         """
         mode = self._modes.small
-        return None if mode & CUSTOM or k > SMALL_CALLS else CompiledMethod(solve, mode)
+        return None if mode & CUSTOM or k > SMALL_CALLS else CompiledMethod(solve.address, mode)
 
     def room(self, m: int, k: int, eps0: float, start: Solution | None) -> Room:
         """A workspace for m rows and k columns, with what `start` remembers."""
