@@ -42,6 +42,12 @@ from reports.sections.certificates import (
 from reports.sections.figures import plot_accuracy, plot_cost, plot_profiles
 from reports.sections.findings import how_accurate, warm_start_worth, which_method
 from reports.sections.forms import form_rows, forms_answer, forms_tables, plot_forms
+from reports.sections.outside import (
+    answers_table,
+    outside_answer,
+    outside_tables,
+    plot_outside,
+)
 from reports.sections.pareto import (
     pareto_answer,
     pareto_tables,
@@ -138,6 +144,7 @@ class _Writer:
         results = self.results
         criterion = [self.table(table) for table in criterion_tables(results)]
         found = certificates_of(results)
+        outside = outside_tables(results)
         candidates = [
             which_method(results),
             how_accurate(results),
@@ -147,6 +154,7 @@ class _Writer:
             starts_answer(results),
             forms_answer(results),
             pareto_answer(results),
+            outside_answer(outside),
         ]
         context: dict[str, Any] = {
             "lead": lead(results),
@@ -162,6 +170,7 @@ class _Writer:
             "warm": self.warm(),
             "starts": self.starts(),
             "forms": self.forms(),
+            "outside": self.outside(outside),
             "criterion": criterion,
             "unflattering": unflattering(results),
             "protocol": protocol(results),
@@ -307,6 +316,23 @@ class _Writer:
                 )
             ]
         return {"headline": tables[0], "tables": tables[1:], "figures": figures}
+
+    def outside(self, tables: list[Table]) -> dict[str, Any] | None:
+        if not tables:
+            return None
+        figures = []
+        if outside_answer(tables) is not None:
+            figures = [
+                self.figure(
+                    "outside",
+                    "Recordings from outside: time of a QP over that of ours, of all backends that "
+                    "are verified on every QP; the fastest of the others is named.",
+                    lambda path: plot_outside(tables[0], path),
+                )
+            ]
+        own = answers_table(self.results)
+        made = [self.table(table) for table in (*tables, *([own] if own else []))]
+        return {"headline": made[0], "tables": made[1:], "figures": figures}
 
     def warm(self) -> dict[str, Any] | None:
         results = self.results
@@ -476,6 +502,7 @@ def _contents(context: dict[str, Any]) -> Sequence[tuple[str, str]]:
             ("warm-start", "Warm start", context["warm"]),
             ("starts", "Quality of the start", context["starts"]),
             ("forms", "Forms of the QP", context["forms"]),
+            ("outside", "Outside the four scenes", context["outside"]),
             ("criterion", "Criterion", context["criterion"]),
             ("unflattering", "Where the method loses", context["unflattering"] is not None),
             ("protocol", "How it was measured", True),

@@ -48,6 +48,7 @@ class ImportTarget:
         self.write(self.parts)
         self.sound = self.path.read_bytes()
         self.sort = "damaged"
+        self.read()  # what is compiled for it is no hang
 
     def make(self) -> Parts:
         """P, q, lb and ub."""

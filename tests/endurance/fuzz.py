@@ -17,7 +17,8 @@ A damaged file must be refused, or be read as what it was.  A forged or hostile 
 or read: who can seal can write sound files, too.  Foreign files to be imported have no seal; what
 is asked of them is said in `tests.endurance.forged_imports`.  Either way in bounded time and
 memory, and a refusal is one line with the file's name.  The rest are failures, listed by number.
-The exit code is 1 if a damaged or forged one is among them; what the libraries do with a hostile one is theirs.
+The exit code is 1 if a damaged or forged one is among them; what the libraries do with a hostile
+one is theirs.
 """
 
 from __future__ import annotations
