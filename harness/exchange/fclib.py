@@ -24,6 +24,7 @@ import h5py
 import numpy as np
 import scipy.sparse as sp
 
+from harness.exchange.apart import Arrays, arrays_apart
 from harness.exchange.coulomb import Contacts
 from harness.exchange.factors import Factor, factor
 from harness.exchange.foreign import ENTRY_LIMIT, Foreign, matrix, vector
@@ -36,60 +37,74 @@ from problems.qp import NORMAL, TANGENT, ContactQP, Indices, Matrix, Vector
 SUFFIXES = (".hdf5", ".h5")
 BY_COLUMNS, BY_ROWS = -1, -2
 ASSOCIATED = "associated"
+MATRICES, PARTS = ("W", "V", "R", "M", "H", "G"), ("m", "n", "nz", "p", "i", "x")
+LOCAL = ("spacedim", "W", "V", "R", "vectors/q", "vectors/s", "vectors/mu")
+GLOBAL = ("spacedim", "M", "H", "G", "vectors/f", "vectors/w", "vectors/b", "vectors/mu")
+OPTIONAL = ("vectors/s", "vectors/b")
 
 
 def read(file: BinaryIO) -> list[Contacts]:
     """The problem of an open file.  Raises Foreign, naming the dataset."""
+    return [_problem(arrays_apart(_extract, file))]
+
+
+def _extract(file: BinaryIO) -> Arrays:
+    """All datasets of the problem, by name."""
     try:
         with h5py.File(file, "r") as opened:
-            return [_problem(opened)]
+            local, there = (_group(opened, f"fclib_{kind}") for kind in ("local", "global"))
+            group, names = (local, LOCAL) if local is not None else (there, GLOBAL)
+            if group is None:
+                raise Foreign("file: holds neither fclib_local nor fclib_global")
+            found = {"kind": np.array(local is not None)}
+            for name in names:
+                if name not in MATRICES:
+                    if name not in OPTIONAL or _has(group, name):
+                        found[name] = _numbers(group, name)
+                elif _group(group, name) is not None:
+                    found |= {f"{name}/{part}": _numbers(group, f"{name}/{part}") for part in PARTS}
+            return found
     except Foreign:
         raise
     except MemoryError:
         raise Foreign("file: asks for more memory than there is") from None
-    # the bytes are foreign: h5py raises any of these on what it cannot make sense of
-    except (OSError, RuntimeError, KeyError, TypeError, ValueError, OverflowError,
-            AttributeError, SystemError) as error:  # fmt: skip
+    except Exception as error:  # the bytes are foreign: h5py raises whatever it comes upon
         raise Foreign(f"file: cannot be read as HDF5 ({str(error)[:120]})") from None
 
 
-def _problem(file: h5py.File) -> Contacts:
-    local, there = _group(file, "fclib_local"), _group(file, "fclib_global")
-    group = local if local is not None else there
-    if group is None:
-        raise Foreign("file: holds neither fclib_local nor fclib_global")
-    dim = int(_numbers(group, "spacedim").ravel()[:1].sum())
-    mu = vector("mu", _numbers(group, "vectors/mu"))
-    if local is not None:
-        return _local(group, dim, mu)
-    return _global(group, dim, mu)
+def _problem(found: Arrays) -> Contacts:
+    dim = int(vector("spacedim", found["spacedim"], 1)[0])
+    mu = vector("mu", found["vectors/mu"])
+    if not 2 <= dim <= 3:
+        raise Foreign(f"spacedim: is {dim}, and should be 2 or 3")
+    return (_local if found["kind"] else _global)(found, dim, mu)
 
 
-def _local(group: h5py.Group, dim: int, mu: Vector) -> Contacts:
+def _local(found: Arrays, dim: int, mu: Vector) -> Contacts:
     n = dim * mu.size
-    W = _matrix(group, "W", (n, n))
-    q = vector("q", _numbers(group, "vectors/q"), n)
-    if _group(group, "V") is None:
+    W = _matrix(found, "W", (n, n))
+    q = vector("q", found["vectors/q"], n)
+    if "V/m" not in found:
         return Contacts(_dense(W), q, mu, dim)
-    V = _matrix(group, "V", (n, None))
+    V = _matrix(found, "V", (n, None))
     free = V.shape[1]
-    R = _matrix(group, "R", (free, free))
-    s = vector("s", _numbers(group, "vectors/s"), free)
+    R = _matrix(found, "R", (free, free))
+    s = vector("s", _there(found, "vectors/s"), free)
     whole = sp.block_array([[W, V], [sp.csc_array(V).T, R]])
     return Contacts(_dense(whole), np.r_[q, s], mu, dim, free=free)
 
 
-def _global(group: h5py.Group, dim: int, mu: Vector) -> Contacts:
-    f = vector("f", _numbers(group, "vectors/f"))
-    M = _matrix(group, "M", (f.size, f.size))
-    H = _matrix(group, "H", (f.size, dim * mu.size))
-    q = vector("w", _numbers(group, "vectors/w"), dim * mu.size)
+def _global(found: Arrays, dim: int, mu: Vector) -> Contacts:
+    f = vector("f", found["vectors/f"])
+    M = _matrix(found, "M", (f.size, f.size))
+    H = _matrix(found, "H", (f.size, dim * mu.size))
+    q = vector("w", found["vectors/w"], dim * mu.size)
     free = 0
-    if _group(group, "G") is not None:
-        G = _matrix(group, "G", (f.size, None))
+    if "G/m" in found:
+        G = _matrix(found, "G", (f.size, None))
         free = G.shape[1]
         H = sp.csc_array(sp.hstack([H, G]))
-        q = np.r_[q, vector("b", _numbers(group, "vectors/b"), free)]
+        q = np.r_[q, vector("b", _there(found, "vectors/b"), free)]
     mass = factor(M, f, name="M")
     if mass.rank < f.size:
         raise Foreign(f"M: has rank {mass.rank} of {f.size}; a mass matrix is definite")
@@ -123,6 +138,12 @@ def _group(parent: h5py.Group, name: str) -> h5py.Group | None:
     return member
 
 
+def _has(group: h5py.Group, name: str) -> bool:
+    outer, _, last = name.rpartition("/")
+    inner = _group(group, outer)
+    return inner is not None and inner.get(last, getlink=True) is not None
+
+
 def _numbers(group: h5py.Group, name: str) -> np.ndarray:
     """A dataset of numbers of this very file."""
     *path, last = name.split("/")
@@ -145,13 +166,19 @@ def _numbers(group: h5py.Group, name: str) -> np.ndarray:
     return np.asarray(dataset[()])
 
 
-def _matrix(parent: h5py.Group, name: str, shape: tuple[int | None, int | None]) -> Matrix:
-    group = _group(parent, name)
-    if group is None:
+def _there(found: Arrays, name: str) -> np.ndarray:
+    if name not in found:
         raise Foreign(f"{name}: is missing")
-    m, n, nz = (int(_numbers(group, each).ravel()[:1].sum()) for each in ("m", "n", "nz"))
-    p, i = (_whole(f"{name}/{each}", _numbers(group, each)) for each in ("p", "i"))
-    x = vector(f"{name}/x", _numbers(group, "x"))
+    return found[name]
+
+
+def _matrix(found: Arrays, name: str, shape: tuple[int | None, int | None]) -> Matrix:
+    m, n, nz = (
+        int(_whole(f"{name}/{each}", _there(found, f"{name}/{each}"), 1)[0])
+        for each in ("m", "n", "nz")
+    )
+    p, i = (_whole(f"{name}/{each}", _there(found, f"{name}/{each}")) for each in ("p", "i"))
+    x = vector(f"{name}/x", _there(found, f"{name}/x"))
     if not (0 <= m <= ENTRY_LIMIT and 0 <= n <= ENTRY_LIMIT):
         raise Foreign(f"{name}: has shape {(m, n)}")
     if nz in (BY_COLUMNS, BY_ROWS):
@@ -184,9 +211,10 @@ def _triplets(
     raise Foreign(f"{name}: p and i are no places in a matrix {shape[0]} × {shape[1]}")
 
 
-def _whole(name: str, values: np.ndarray) -> np.ndarray:
-    if values.dtype.kind not in "iu" or values.ndim != 1:
-        raise Foreign(f"{name}: holds {values.dtype}, and should hold whole numbers")
+def _whole(name: str, values: np.ndarray, size: int | None = None) -> np.ndarray:
+    if values.dtype.kind not in "iu" or values.ndim != 1 or size not in (None, values.size):
+        raise Foreign(f"{name}: holds {values.dtype} of shape {values.shape}, and should hold "
+                      f"{'whole numbers' if size is None else 'one whole number'}")  # fmt: skip
     return values.astype(np.int64)
 
 

@@ -7,11 +7,14 @@ Integers of one byte in them are numbers like others; 1e20 is ∞.
 from __future__ import annotations
 
 import zlib
+from collections.abc import Mapping
 from typing import Any, BinaryIO
 
+import numpy as np
+import scipy.sparse as sp
 from scipy.io import loadmat
-from scipy.io.matlab import MatReadError
 
+from harness.exchange.apart import arrays_apart
 from harness.exchange.foreign import FILE_LIMIT, Foreign
 from harness.exchange.quadratic import Quadratic
 
@@ -22,18 +25,51 @@ NAMES = ("P", "q", "A", "l", "u")
 def read(file: BinaryIO) -> list[Quadratic]:
     """The problem of an open file.  Raises Foreign, naming the variable."""
     _check_unpacked(file)
+    found = arrays_apart(_extract, file)
+    P, A = (_matrix(name, found) for name in ("P", "A"))
+    return [Quadratic.of(P, found["q"], [("A", A, found["l"], found["u"])])]
+
+
+def _extract(file: BinaryIO) -> dict[str, np.ndarray]:
+    """The variables, sparse ones in their parts."""
     try:
         found: dict[str, Any] = loadmat(file, variable_names=NAMES, mat_dtype=True)
     except MemoryError:
         raise Foreign("file: asks for more memory than there is") from None
-    # the bytes are foreign: SciPy raises any of these on what it cannot make sense of
-    except (MatReadError, ValueError, TypeError, KeyError, IndexError, OSError, NotImplementedError,
-            OverflowError, ArithmeticError, AttributeError, zlib.error) as error:  # fmt: skip
+    except Exception as error:  # the bytes are foreign: SciPy raises whatever it comes upon
         raise Foreign(f"file: cannot be read as MATLAB 5 ({str(error)[:120]})") from None
-    absent = [name for name in NAMES if name not in found]
-    if absent:
-        raise Foreign(f"{absent[0]}: is missing; a file of the set has {', '.join(NAMES)}")
-    return [Quadratic.of(found["P"], found["q"], [("A", found["A"], found["l"], found["u"])])]
+    out: dict[str, np.ndarray] = {}
+    for name in NAMES:
+        if name not in found:
+            raise Foreign(f"{name}: is missing; a file of the set has {', '.join(NAMES)}")
+        value = found[name]
+        if sp.issparse(value):
+            parts = sp.coo_array(value)
+            out |= {f"{name}/rows": parts.coords[0], f"{name}/columns": parts.coords[1],
+                    f"{name}/values": parts.data,
+                    f"{name}/shape": np.array(parts.shape)}  # fmt: skip
+        elif np.asarray(value).dtype.hasobject:
+            raise Foreign(f"{name}: holds no numbers")
+        else:
+            out[name] = value
+    for name in ("q", "l", "u"):
+        if name not in out:
+            raise Foreign(f"{name}: is sparse, and should be a vector")
+    return out
+
+
+def _matrix(name: str, found: Mapping[str, np.ndarray]) -> Any:
+    if name in found:
+        return found[name]
+    rows, columns, values, shape = (
+        found[f"{name}/{part}"] for part in ("rows", "columns", "values", "shape")
+    )
+    m, n = shape.tolist()
+    if rows.size and not (
+        0 <= rows.min() <= rows.max() < m and 0 <= columns.min() <= columns.max() < n
+    ):
+        raise Foreign(f"{name}: has entries outside its shape {(m, n)}")
+    return sp.csc_array((values, (rows, columns)), shape=(m, n))
 
 
 def _check_unpacked(file: BinaryIO) -> None:

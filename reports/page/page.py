@@ -48,6 +48,12 @@ from reports.sections.findings import (
     which_method,
 )
 from reports.sections.forms import form_rows, forms_answer, forms_tables, plot_forms
+from reports.sections.outside import (
+    answers_table,
+    outside_answer,
+    outside_tables,
+    plot_outside,
+)
 from reports.sections.pareto import (
     pareto_answer,
     pareto_tables,
@@ -146,6 +152,7 @@ class _Writer:
         results = self.results
         criterion = [self.table(table) for table in criterion_tables(results)]
         found = certificates_of(results)
+        outside = outside_tables(results)
         candidates = [
             which_method(results),
             how_accurate(results),
@@ -155,6 +162,7 @@ class _Writer:
             starts_answer(results),
             forms_answer(results),
             pareto_answer(results),
+            outside_answer(outside),
         ]
         context: dict[str, Any] = {
             "lead": lead(results),
@@ -171,6 +179,7 @@ class _Writer:
             "starts": self.starts(),
             "forms": self.forms(),
             "disturbed": self.disturbed(),
+            "outside": self.outside(outside),
             "criterion": criterion,
             "unflattering": unflattering(results),
             "protocol": protocol(results),
@@ -328,6 +337,23 @@ class _Writer:
     def disturbed(self) -> dict[str, Any] | None:
         table = disturbances_table(self.results)
         return None if table is None else self.table(table)
+
+    def outside(self, tables: list[Table]) -> dict[str, Any] | None:
+        if not tables:
+            return None
+        figures = []
+        if outside_answer(tables) is not None:
+            figures = [
+                self.figure(
+                    "outside",
+                    "Recordings from outside: time of a QP over that of ours, of all backends that "
+                    "are verified on every QP; the fastest of the others is named.",
+                    lambda path: plot_outside(tables[0], path),
+                )
+            ]
+        own = answers_table(self.results)
+        made = [self.table(table) for table in (*tables, *([own] if own else []))]
+        return {"headline": made[0], "tables": made[1:], "figures": figures}
 
     def warm(self) -> dict[str, Any] | None:
         results = self.results
@@ -502,6 +528,7 @@ def _contents(context: dict[str, Any]) -> Sequence[tuple[str, str]]:
             ("starts", "Quality of the start", context["starts"]),
             ("forms", "Forms of the QP", context["forms"]),
             ("disturbed", "Disturbances", context["disturbed"]),
+            ("outside", "Outside the four scenes", context["outside"]),
             ("criterion", "Criterion", context["criterion"]),
             ("unflattering", "Where our method loses", context["unflattering"] is not None),
             ("protocol", "How it was measured", True),
