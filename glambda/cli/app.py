@@ -163,17 +163,17 @@ def split_names(text: str, default: list[str]) -> list[str]:
 
 def chosen_solvers(text: str) -> list[str]:
     """Solvers by name; absent ones are told by name where all are meant."""
-    from solvers import describe, make_solver
-    from solvers.registry import form_variants, solver_names
+    from harness.processes.introduction import about, described, form_variants
+    from solvers.registry import solver_names
 
     if text.strip() != "all":
         chosen: dict[str, None] = {}
         for name in split_names(text, []):
             chosen.update(dict.fromkeys(form_variants() if name == "forms" else [name]))
         for name in chosen:
-            make_solver(name)  # raises for an unknown one
+            about(name)  # raises for an unknown one
         return list(chosen)
-    known = [describe(name) for name in solver_names()]
+    known = [described(name) for name in solver_names()]
     for info in known:
         if not info.available:
             say(f"skipped: {info.name} is not installed ({info.reason})", err=True)

@@ -30,10 +30,10 @@ def solvers() -> None:
     "residual" keeps y = A x + d as rows. Starred ones are held to miss no A x at all.
     """
     from glambda.display import solvers_table
-    from solvers import describe
+    from harness.processes.introduction import described
     from solvers.registry import solver_names
 
-    known = [describe(name) for name in solver_names()]
+    known = [described(name) for name in solver_names()]
     terminal().print(solvers_table(known))
     for info in known:
         if not info.available:

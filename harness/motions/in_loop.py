@@ -33,6 +33,7 @@ import numpy as np
 
 from harness.judging.facts import facts_of, setting_name
 from harness.names import METHOD
+from harness.processes.introduction import about
 from problems.qp import ContactQP, Solution, Vector
 from problems.sequence import SolvesQPs
 from solvers import make_solver
@@ -82,12 +83,12 @@ def check_backend(name: str, setting: str) -> None:
         if setting == "default":
             raise ValueError(f"{name} has no default; say how sloppy, such as 100x")
     else:
-        make_solver(name)
+        about(name)
 
 
 def backend(name: str, setting: str) -> SolvesQPs:
     """The solver of that name, for QPs that carry the accuracy asked."""
-    check_backend(name, setting)
+    check_setting(setting)
     if name.startswith("sloppy"):
         return Sloppy(name[len("sloppy[") : -1])
     return make_solver(name, accuracy="default") if setting == "default" else make_solver(name)

@@ -34,6 +34,7 @@ from harness.processes.own_process import (
     kill_family,
     kill_session,
     prctl,
+    tasks_of_user,
 )
 from problems.registry import load
 
@@ -50,6 +51,7 @@ def serve(link: int, folder: str) -> None:
         signal.signal(number, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     prctl(PR_SET_CHILD_SUBREAPER, 1)
+    tasks_of_user()  # it takes a while, and forks inherit it
     gc.freeze()
     server = Server(socket.socket(fileno=link))
     try:
@@ -142,8 +144,7 @@ class Server:
         code = 1
         try:
             server = os.getppid()
-            folder = Path(order["folder"])
-            begin(folder / "words", folder)
+            begin(Path(order["folder"]))
             if os.getppid() != server:
                 os._exit(1)
             signal.set_wakeup_fd(-1)

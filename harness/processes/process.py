@@ -20,7 +20,7 @@ from typing import Any
 import psutil
 
 from harness.machine.threads import VARIABLES
-from harness.processes.own_process import Words, cause_of_death, family, kill
+from harness.processes.own_process import WORDS, Words, cause_of_death, family, kill
 
 PATIENCE = 60.0
 """Longest that the server may take to do what it is told [s]."""
@@ -150,7 +150,7 @@ class Process:
     def __init__(self, work: str, arguments: dict[str, Any], ahead: Sequence[str] = ()) -> None:
         self._server = server()
         self.folder = Path(tempfile.mkdtemp(dir=self._server.folder))
-        self.words = Words(self.folder / "words")
+        self.words = Words(self.folder / WORDS)
         self.link, theirs = socket.socketpair()
         self.link.settimeout(WATCH)
         self._server.order(

@@ -22,7 +22,7 @@ from harness.machine.machine import library_versions, machine
 from harness.names import METHOD, PAPER
 from harness.passes.limits import TIME_LIMIT
 from harness.passes.starts import STUDY_ARMS
-from harness.processes.introduction import solver_version
+from harness.processes.introduction import available, described, solver_version
 from harness.progress import Progress
 from harness.recordings.recording import Recording
 from harness.results.store import Store
@@ -31,7 +31,6 @@ from harness.study.kept_recording import how_run, recording_in
 from harness.study.record import record
 from problems import scene as make_scene
 from problems.scenes.labels import PAPER_SCENES, parse_label
-from solvers import available_solvers, describe
 from solvers.active_set.lotstedt import VARIANTS as LOTSTEDT_VARIANTS
 
 VARIANTS = tuple(f"{PAPER}[{variant}]" for variant in LOTSTEDT_VARIANTS if variant)
@@ -61,10 +60,10 @@ class StudyPlan:
     def named_solvers(self) -> tuple[str, ...]:
         """The solvers, written out."""
         if not self.solvers:
-            return (*available_solvers(), *VARIANTS)
+            return (*available(), *VARIANTS)
         if not self.only_installed:
             return self.solvers
-        return tuple(name for name in self.solvers if describe(name).available)
+        return tuple(name for name in self.solvers if described(name).available)
 
     @property
     def identity(self) -> str:

@@ -26,6 +26,10 @@ FAST_MATH = frozenset({"reassoc", "contract", "nsz"})
 """Sums may be regrouped for vector instructions; NaN and infinity keep their meaning."""
 
 
+FOLDERS: set[Path] = set()
+"""Where machine code is kept."""
+
+
 def cache_folder(sources: Sequence[Path]) -> Path:
     """The folder of the machine code made from `sources`, which is made if it is missing."""
     key = hashlib.sha256()
@@ -39,6 +43,7 @@ def cache_folder(sources: Sequence[Path]) -> Path:
     except OSError:
         folder = Path(tempfile.gettempdir()) / f"glambda-kernels-{key.hexdigest()[:16]}"
         folder.mkdir(parents=True, exist_ok=True)
+    FOLDERS.add(folder)
     if not any(folder.iterdir()):
         print("glambda: compiling kernels, once, up to two minutes …", file=sys.stderr)
         if LOST:

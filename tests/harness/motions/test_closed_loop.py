@@ -32,7 +32,7 @@ from reports.motions.closed_loop_findings import (
 )
 from solvers import make_solver
 from solvers.base import Unsupported
-from tests.fakes.loop_crimes import CRIMES, commit
+from tests.fakes.loop_crimes import CRIMES
 from tests.fakes.runs import scene_run
 
 LOOP = Loop("fig3", "glambda", "paper", 1e-3, 1e-3, 2e-3, until=0.9, time_limit=60.0)
@@ -224,7 +224,11 @@ def test_crashes_and_hangs_cost_one_loop(monkeypatch: pytest.MonkeyPatch, tmp_pa
     loops = [replace(LOOP, solver=crime, time_limit=0.1) for crime in CRIMES]
     seen: list[float] = []
     run_isolated(
-        loops, tmp_path, workers=3, work=commit, progress=lambda what, done, n: seen.append(done)
+        loops,
+        tmp_path,
+        workers=3,
+        work="tests.fakes.loop_crimes:commit",
+        progress=lambda what, done, n: seen.append(done),
     )
     results = [load_loop(tmp_path, each) for each in loops]
     assert [r.verdict for r in results if r] == ["crashed", "crashed", "timeout"]
