@@ -51,8 +51,9 @@ def _function(plugin: str, n: int, limit: int) -> _Function:
         made = casadi.conic(plugin, plugin, shapes, {**_OPTIONS[plugin], name: limit})
         buffer, call = made.buffer()
     x, multipliers = np.zeros(n), np.zeros(n)
-    buffer.set_res(made.name_out().index("x"), memoryview(x))
-    buffer.set_res(made.name_out().index("lam_x"), memoryview(multipliers))
+    names = made.name_out()
+    for name, array in (("x", x), ("lam_x", multipliers)):
+        buffer.set_res(names.index(name), memoryview(array))  # type: ignore
     return _Function(made, buffer, call, x, multipliers)
 
 

@@ -37,7 +37,7 @@ _COLUMNWISE = int(highspy.MatrixFormat.kColwise)
 _TRIANGULAR = int(highspy.HessianFormat.kTriangular)
 _REFUSED = highspy.HighsStatus.kError
 _MINIMISE = int(highspy.ObjSense.kMinimize)
-_OPTIONS = {"output_flag": False, "threads": 1}
+_OPTIONS: dict[str, Any] = {"output_flag": False, "threads": 1}
 _ZERO = np.zeros(1)
 
 

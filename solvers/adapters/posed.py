@@ -277,7 +277,7 @@ def _scaled(qp: ContactQP, A: Any, squares: Vector, usual: bool) -> Posed:
 def _squares(A: Any) -> Vector:
     """Squares of the lengths of the columns of a CSC matrix.  (k,)"""
     column = np.repeat(np.arange(A.shape[1]), np.diff(A.indptr))
-    return np.bincount(column, A.data * A.data, A.shape[1])
+    return np.bincount(column, A.data * A.data, A.shape[1]).astype(float)
 
 
 def _finite_together(one: Vector, other: Vector) -> bool:

@@ -215,7 +215,7 @@ class Residual(Program):
         self.simple, self.equal = posed.n, posed.m
 
     @cached_property
-    def R(self) -> sp.csc_matrix:  # type: ignore[override]
+    def R(self) -> sp.csc_matrix:
         bounds, minus = identity(self.simple), -identity(self.equal)
         return sp.csc_matrix(sp.block_array([[bounds, None], [self.posed.sparse, minus]]))
 
@@ -252,7 +252,7 @@ class Velocity(Program):
         self.simple, self.equal = t, own.equations
 
     @cached_property
-    def R(self) -> sp.csc_matrix:  # type: ignore[override]
+    def R(self) -> sp.csc_matrix:
         own, n, t = self.own, self.posed.n, self.simple
         B = self.posed.sparse
         if (own.sign != 1.0).any():
@@ -342,7 +342,7 @@ class Cones(NamedTuple):
 
     def gathered(self, multipliers: Vector, rows: int) -> Vector:
         """y of R from the multipliers of G.  (rows,)"""
-        return np.bincount(self.row, self.sign * multipliers, rows)
+        return np.bincount(self.row, self.sign * multipliers, rows).astype(float)
 
 
 def cones(program: Program) -> Cones:
