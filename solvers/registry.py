@@ -23,6 +23,7 @@ BUILT_IN = {
     "enumeration": "solvers.baselines.enumeration:Enumeration",
     "pgs": "solvers.baselines.pgs:ProjectedGaussSeidel",
     "scipy_bvls": "solvers.adapters.scipy_bvls:ScipyBVLS",
+    "scipy_nnls": "solvers.adapters.scipy_nnls:ScipyNNLS",
     "osqp": "solvers.adapters.osqp:OSQP",
     "proxqp": "solvers.adapters.proxqp:ProxQP",
     "clarabel": "solvers.adapters.clarabel:Clarabel",
@@ -31,6 +32,9 @@ BUILT_IN = {
     "piqp": "solvers.adapters.piqp:PIQP",
     "highs": "solvers.adapters.highs:HiGHS",
     "scs": "solvers.adapters.scs:SCS",
+    "qpoases": "solvers.adapters.casadi:QpOASES",
+    "qrqp": "solvers.adapters.casadi:Qrqp",
+    "nncg": "solvers.adapters.nncg:NNCG",
     "cvxpy": "solvers.adapters.cvxpy:CVXPY",
     "qpsolvers": "solvers.adapters.qpsolvers:QPSolvers",
 }

@@ -9,8 +9,6 @@ keep, and renew every s QPs, is
              P               the matrix with its factorization; only q and the bounds are today's
     proxqp   setup           the object, with the preconditioner (a scaling) made for its first QP
              preconditioner  that scaling alone
-             start           the state of the last solve (x, z, the active set and step sizes);
-                             renewed: it starts from x and z
     piqp     setup           the object, with the symbolic factorization
              scaling         the equilibration of the matrix
 
@@ -111,17 +109,6 @@ def new_preconditioner(built: Built) -> Built:
     return built._replace(arrays=(*built.arrays, True))
 
 
-def last_state(native: Native, built: Built) -> Native:
-    """ProxQP: start from all that the object holds."""
-    if built.carried is None or native.object is not built.carried.native.object:
-        return native
-    from proxsuite import proxqp
-
-    guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
-    native.object.settings.initial_guess = guess
-    return native._replace(arrays=(native.arrays[0], ()))
-
-
 def scaling(reused: bool) -> Callable[[Built], Built]:
     """PIQP: whether an update keeps the equilibration."""
 
@@ -140,7 +127,6 @@ KINDS = (
     Kind("osqp", "P", Hooks(before=old_P), Hooks()),
     Kind("proxqp", "setup", Hooks(), Hooks(before=afresh)),
     Kind("proxqp", "preconditioner", Hooks(), Hooks(before=new_preconditioner)),
-    Kind("proxqp", "start", Hooks(after=last_state), Hooks()),
     Kind("piqp", "setup", Hooks(), Hooks(before=afresh)),
     Kind("piqp", "scaling", Hooks(before=scaling(True)), Hooks(before=scaling(False))),
 )

