@@ -16,6 +16,7 @@ from typing import Any
 import numba
 from llvmlite.binding import Linkage
 from numba.core import cgutils, types
+from numba.core.caching import Cache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.datamodel import default_manager
 from numba.core.imputils import impl_ret_borrowed
@@ -165,4 +166,4 @@ def function_at(signature: Any) -> Any:
 
 def keep_nothing() -> None:
     """From now on this process keeps no machine code in files, as one that may not write them."""
-    Cache.save_overload = lambda self, signature, data: None
+    Cache.save_overload = lambda self, signature, data: None  # type: ignore[method-assign]

@@ -16,7 +16,7 @@ import pandas as pd
 
 from harness.judging.recorded_answers import SETTING, recorded_answers
 from problems.scenes.labels import PAPER_SCENES
-from reports.parts.names import is_method, solver_order
+from reports.parts.names import is_own, solver_order
 from reports.parts.sentences import Answer, join
 from reports.parts.style import BLUE, FAINT, INK, ORANGE, PAGE_WIDTH, SOFT, drawing, save
 from reports.parts.table import Table, microseconds, percent, scientific, times, whole
@@ -136,7 +136,7 @@ def leads(data: pd.DataFrame, arm: str, clock: str = CLOCKS["runtime"]) -> pd.Da
     out = []
     for scene, part in data.groupby("scene", sort=False):
         sound = part[(part[share] == 1.0) & part[clock].notna()]
-        own = sound["solver"].map(is_method).astype(bool)
+        own = sound["solver"].map(is_own).astype(bool)
         if own.any() and (~own).any():
             ours, others = (sound[flag].set_index("solver")[clock] for flag in (own, ~own))
             ratio = float(ours.min() / others.min())
@@ -157,7 +157,7 @@ def _notes(data: pd.DataFrame) -> list[str]:
                         f"{row.ours} takes {row.ratio:.2g} times as long."
                     )
     missing = data[
-        data["solver"].map(is_method) & (data[[c for c in data if "verified" in c]] < 1).any(axis=1)
+        data["solver"].map(is_own) & (data[[c for c in data if "verified" in c]] < 1).any(axis=1)
     ]
     for row in missing.to_dict("records"):
         notes.append(f"On {row['scene']} {row['solver']} is not verified on every QP.")
@@ -253,7 +253,7 @@ def _draw_arm(axes: Any, data: pd.DataFrame, scenes: list[str], arm: str) -> Non
         part = data[(data["scene"] == scene) & (data[f"verified, {arm}"] == 1.0)]
         part = part[part[clock].notna()].set_index("solver")[clock]
         ours = part[found.loc[scene, "ours"]]
-        others = (part[[not is_method(str(name)) for name in part.index]] / ours).sort_values()
+        others = (part[[not is_own(str(name)) for name in part.index]] / ours).sort_values()
         axes.plot(others, [line] * len(others), "o", color=SOFT, markersize=3, alpha=0.7)
         first = str(others.index[0])
         axes.plot(
