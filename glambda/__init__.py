@@ -2,7 +2,7 @@
 
     import glambda
 
-    run = glambda.simulate("fig4")                             # by the paper's method
+    run = glambda.simulate("fig4")                             # by our own QP method
     recording = glambda.record("fig4", until=1.0)              # every QP, with its reference
     solver = glambda.make_solver("daqp", accuracy=1e-9)
     verdict = glambda.judge(recording.qps[0], solver.solve(recording.qps[0]).x)

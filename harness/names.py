@@ -2,5 +2,7 @@
 
 from __future__ import annotations
 
-METHOD = "lotstedt"
+METHOD = "glambda"
+"""Our own method, the default everywhere."""
+PAPER = "lotstedt"
 """The paper's method; its variants are called `lotstedt[variant]`."""

@@ -38,7 +38,8 @@ the friction correction; an impulse (2.14); the minimum-norm multipliers (4.8)."
 
 FEATURE_FIELDS = ("corner_body", "corner", "edge_body", "edge", "direction")
 """Columns of `ContactQP.feature`.  A body of −1 is the ground (or none).  `direction` is 0 for a
-normal, 1 for a tangent, 2, 3, … for the generators of a friction impulse."""
+normal, 1 for a tangent, 2, 3, … for the generators of a friction impulse; −1 where the row is no
+contact of rigid bodies, or nobody has said what it is."""
 
 NORMAL, TANGENT = 0, 1
 """The `direction` of rows of their own; generators of an impulse follow."""
@@ -260,7 +261,7 @@ class Status(Enum):
 
 @dataclass(frozen=True)
 class WorkCounts:
-    """Exact, deterministic counts of the work of one solve by the paper's method."""
+    """Exact, deterministic counts of the work of one solve by algorithm 2."""
 
     descent_directions: int = 0
     working_set_changes: int = 0

@@ -19,9 +19,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple, Protocol
 
+import numpy as np
 from numba import types
 
-from problems.kernels.compiled import kernel
+from problems.kernels.compiled import SOURCES, function_decorator, kernel
 from problems.qp import Indices, Solution, Vector
 
 X = 0
@@ -71,3 +72,13 @@ class CompiledSolver(Protocol):
 def room_size(m, k):
     """n of a room for m rows and k columns."""
     return (max(m, k) + LANES - 1) // LANES * LANES
+
+
+@function_decorator(SOURCES, SIGNATURE)
+def no_method(A, d, lower, upper, row_id, S, I, eps0, mode):
+    """The method of a solver that has none: QPs are asked for."""
+    return False
+
+
+ASKED = no_method, np.zeros((1, 1)), np.zeros((1, 1), np.int64), 0.0, 0
+"""solve, S, I, eps0 and mode where QPs are asked for."""

@@ -17,7 +17,8 @@ from problems.registry import load, unknown, with_plug_ins
 from solvers.base import Solver
 
 BUILT_IN = {
-    "lotstedt": "solvers.active_set.method:Lotstedt",
+    "glambda": "solvers.active_set.glambda:Glambda",
+    "lotstedt": "solvers.active_set.lotstedt:Lotstedt",
     "velocity": "solvers.baselines.velocity:Velocity",
     "enumeration": "solvers.baselines.enumeration:Enumeration",
     "pgs": "solvers.baselines.pgs:ProjectedGaussSeidel",

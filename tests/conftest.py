@@ -26,7 +26,7 @@ SLOW = {
         "test_kill test_plugins test_readme test_replay test_starts test_store test_streams"
     ),
     "they simulate for long": (
-        "test_benchmarks test_campaigns test_convergence test_criterion test_estimates "
+        "test_benchmarks test_campaigns test_convergence test_criterion test_docs test_estimates "
         "test_families test_growth test_heaps test_kept_factors test_minimum_norm_ways "
         "test_motion_error test_painleve test_peers test_stability"
     ),
@@ -39,7 +39,7 @@ SLOW = {
 """Reason → modules."""
 ROUNDING = (
     "test_active_set test_coulomb_lcp test_cycling_examples test_friction test_judge "
-    "test_minimum_norm test_newton_coulomb test_proof test_quiet_steps test_same_force "
+    "test_minimum_norm test_newton_coulomb test_proof test_same_force test_steps "
     "test_sparse_path test_stepper"
 )
 ROUNDING_SCENE = "fig4"

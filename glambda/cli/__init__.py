@@ -19,6 +19,8 @@ from glambda.cli import listing  # noqa: F401
 from glambda.cli import simulation  # noqa: F401
 from glambda.cli import replays  # noqa: F401
 from glambda.cli import stretching  # noqa: F401
+from glambda.cli import disturbing  # noqa: F401
+from glambda.cli import exchange  # noqa: F401
 from glambda.cli import campaigns  # noqa: F401
 from glambda.cli import convergence  # noqa: F401
 from glambda.cli import painleve  # noqa: F401
@@ -27,6 +29,8 @@ from glambda.cli import peers  # noqa: F401
 from glambda.cli import studies  # noqa: F401
 from glambda.cli import compare  # noqa: F401
 from glambda.cli import check  # noqa: F401
+from glambda.cli import new  # noqa: F401
+from glambda.cli import doctor  # noqa: F401
 # isort: on
 
 

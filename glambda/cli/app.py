@@ -21,7 +21,7 @@ glambda simulate fig4 --plot fig4.png
 
 glambda record fig4 -o recordings
 
-glambda replay recordings/fig4.h5 --solvers lotstedt,daqp -o results
+glambda replay recordings/fig4.h5 --solvers glambda,daqp -o results
 
 glambda report results -o report
 
@@ -41,7 +41,7 @@ RESUMED = (
     *("closed_loop", "peers", "study"),
 )
 """Commands that continue from their results folder, where they were given one, after Ctrl-C."""
-WRITES_EACH = ("record", "stretch")
+WRITES_EACH = ("record", "stretch", "disturb", "import_")
 """Commands that have written some of their files by then, and begin anew."""
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -79,7 +79,7 @@ DriftTime = Annotated[
 Solvers = Annotated[
     str,
     typer.Option(
-        help="names with commas between, such as lotstedt,lotstedt[exact_qr],daqp; "
+        help="names with commas between, such as glambda,lotstedt[deferred],daqp; "
         "all: every backend that is installed; forms: the packages in each form that they take"
     ),
 ]

@@ -60,7 +60,7 @@ def replay(
     arms differ in the quality of what they start from. A folder that holds some of it already is
     continued.
 
-    Example:  glambda replay recordings/*.h5 --solvers lotstedt,daqp,osqp -o results
+    Example:  glambda replay recordings/*.h5 --solvers glambda,daqp,osqp -o results
 
     One row again:  glambda replay recordings/fig4.h5 --solvers osqp --settings high --qp 17
     """
@@ -128,9 +128,9 @@ def verify(
 ) -> None:
     """Does every backend reproduce the same Gλ? Exit 1 and a table if not.
 
-    lotstedt, velocity, enumeration, scipy_bvls, daqp and quadprog must not miss once. The others
-    are held to a table of expected misses, each with its reason: exit 1 where there are more, or
-    larger ones, or on other QPs.
+    glambda, lotstedt, velocity, enumeration, scipy_bvls, daqp and quadprog must not miss once. The
+    others are held to a table of expected misses, each with its reason: exit 1 where there are
+    more, or larger ones, or on other QPs.
     """
     import tempfile
 

@@ -50,7 +50,7 @@ BODIES = (5, 10, 20, 50, 110, 225, 500, 1000, 2000, 5000)
 MORE_BODIES = {"tower": (10_000,)}
 """Sizes beyond `BODIES` of a family that has few columns per body."""
 SOLVERS = (
-    *("lotstedt", "clarabel", "daqp", "highs", "osqp", "piqp", "proxqp"),
+    *("glambda", "clarabel", "daqp", "highs", "osqp", "piqp", "proxqp"),
     *("quadprog", "scipy_bvls", "scs", "pgs"),
 )
 """Who is tried where nobody is named, if it is installed."""
@@ -128,9 +128,9 @@ def sequence(folder: Path, family: str, bodies: int, progress: Progress | None =
     how: dict[str, Any] = {"until": STEPS * STEP, "fixed_step": STEP}
 
     def make() -> Recording:
-        run = simulate(scene, make_solver("lotstedt"), **how)
+        run = simulate(scene, make_solver("glambda"), **how)
         run = replace(run, qps=[_stored(qp) for qp in run.qps])
-        return recording_of(run, "lotstedt", until=how["until"], progress=progress)
+        return recording_of(run, "glambda", until=how["until"], progress=progress)
 
     return recording_in(folder / "recordings", scene, how_run(scene, **how), make)
 

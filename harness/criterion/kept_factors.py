@@ -22,7 +22,7 @@ Each sequence is that of `harness.criterion.factor_rules`, its first `LONGEST` Q
 `paper`.  The cost of a QP is the package's own, setup and solve, the least of some runs that are
 taken in turn. The mean is reported and not the median, because one QP in s carries the renewal.  An
 answer is verified when ‖A δx‖ against the recorded reference is at most `VERIFIED_WITHIN` times the
-accuracy asked.  The paper's method stands beside the packages, as it is shipped.
+accuracy asked.  Our method stands beside the packages, as it is shipped.
 """
 
 from __future__ import annotations
@@ -149,7 +149,7 @@ KINDS = (
 def kept_factors(
     recording: Recording, *, turns: int = 3, kinds: Sequence[Kind] = KINDS
 ) -> pd.DataFrame:
-    """Every kind at every interval, one row each, and one of the paper's method.
+    """Every kind at every interval, one row each, and one of our method.
 
     Packages that are not installed are left out; no rows where no QP starts warm.  Columns: scene,
     package, kept, interval, QPs (with a predecessor, within `LIMIT`), mean and median [s],

@@ -1,8 +1,10 @@
 """What each solve of a pass is started from: the arms of a replay.
 
-    cold          nothing
+    cold          nothing: every object of the package is made afresh
+    kept          nothing, but the memory of the last solve: its object is kept and updated
     warm          the solver's own last solution, with whatever memory the solver put into it
 
+so that from cold to kept is what a kept object is worth, and from kept to warm what a start is.
 Beside them are arms that differ from `warm` in one thing, the quality of x and of the working set:
 
     exact         those of the reference: what does it cost to verify an answer?
@@ -22,14 +24,16 @@ What holds for all of them:
    within one stretch between restarts; the first of a stretch is cold in every arm, and so are
    impulses and minimum-norm problems.  `shuffled` knows no stretches: it starts all but its first.
 2. Rows are mapped by `row_id`, and x is clipped to today's bounds, by the solver (`solvers.base`).
-3. **Memory** (a native workspace, multipliers) is that of the last solve in every arm but `cold`
+3. In `kept` x is the feasible point nearest to 0 and no row is in the working set.
+4. **Memory** (a native workspace, multipliers) is that of the last solve in every arm but `cold`
    and `bare`: a start that spares a set-up is not comparable to one that does not.  Where x is
    another's, the solver is told so, on the clock, and makes its memory agree with it
    (`Solver.adopt`): multipliers are −Δ of that x, an old R is dropped.  Solvers whose warm start
-   carries no x (`carries_x`) have none of the arms that replace it, and no `bare`.
-4. Where an arm cannot be had (fewer than 5 solutions yet, no reference), the solve is cold and not
+   carries no x (`carries_x`) have none of the arms that replace it, and no `bare`; what is called
+   `warm` of them is `kept`.
+5. Where an arm cannot be had (fewer than 5 solutions yet, no reference), the solve is cold and not
    counted as warm-started.  `extrapolated` is `warm` where time stood still.
-5. Everything random is seeded by the number of the QP, so that all solvers meet the same.
+6. Everything random is seeded by the number of the QP, so that all solvers meet the same.
 """
 
 from __future__ import annotations
@@ -58,7 +62,9 @@ from problems.sequence import WARM_KINDS
 from solvers.base import Solver, usable
 
 ARMS = ("cold", "warm")
-"""The two arms of every study."""
+"""The two arms that everything is compared in."""
+STUDY_ARMS = ("cold", "kept", "warm")
+"""The arms of a study."""
 FARTHEST = 20
 SEED = 1984
 
@@ -129,6 +135,13 @@ def corrupted(now: Moment) -> Solution | None:
     return replace(last, x=last.x + noise, working_set=drawn.astype(np.int8))
 
 
+def nothing(now: Moment) -> Solution:
+    """x nearest to 0 within the bounds, every row free."""
+    qp = now.qp
+    x = np.clip(np.zeros(qp.k), qp.lower, qp.upper)
+    return Solution(x, qp.row_id, Status.SOLVED, np.full(qp.k, FREE, np.int8))
+
+
 QUALITIES: dict[str, Callable[[Moment], Solution | None]] = {
     "exact": exact,
     "extrapolated": extrapolated,
@@ -137,7 +150,8 @@ QUALITIES: dict[str, Callable[[Moment], Solution | None]] = {
     "corrupted": corrupted,
 }
 """Arm → the x and working set that replace the last ones; best first, roughly."""
-EVERY_ARM = (*ARMS, *QUALITIES, "bare", "shuffled")
+REPLACED = {**QUALITIES, "kept": nothing}
+EVERY_ARM = (*STUDY_ARMS, *QUALITIES, "bare", "shuffled")
 
 
 def carries_x(solver: type[Solver]) -> bool:
@@ -157,7 +171,7 @@ def has_arm(solver: type[Solver], arm: str) -> bool:
     Raises ValueError for an unknown arm.
     """
     check_arm(arm)
-    if arm in QUALITIES or arm == "bare":
+    if arm in REPLACED or arm == "bare":
         return carries_x(solver)
     return arm == "cold" or solver.warm_start != "none"
 
@@ -186,7 +200,7 @@ class Starts:
 
     def __init__(self, solver: Solver, arm: str) -> None:
         self._solver, self._arm = solver, arm
-        self._make = QUALITIES.get(arm)
+        self._make = REPLACED.get(arm)
         self._last: Solution | None = None
         self._past: deque[Past] = deque(maxlen=FARTHEST)
 

@@ -75,7 +75,7 @@ def engine_version(name: str) -> str:
     if engine_class(name).package == "glambda":
         parts.append(problems_version())
     if name == OURS:
-        parts.append(solver_version("lotstedt"))
+        parts.append(solver_version("glambda"))
     return "; ".join(parts)
 
 

@@ -34,7 +34,7 @@ def record(
     """Simulate `scene` and return the recording of its QPs.
 
     scene : a `problems.Scene`
-    solver : drives the simulation; default: the paper's method
+    solver : drives the simulation; default: our method, `METHOD`
     eps, until, options : handed to `problems.simulate`; default: the scene's own
     progress : called with "simulate" (seconds of motion) and "reference" (QPs)
     """

@@ -112,5 +112,5 @@ class Direct:
 
 SOURCES = sources(defining(Path(__file__).parents[1], "\n@kernel\n"), ["problems"])
 kernel = kernel_decorator(SOURCES)
-stage = kernel_decorator(SOURCES, forceinline=True)
+stage = kernel_decorator(SOURCES, inline="always")
 """A kernel that is a part of one other: its arguments, arrays by the dozen, are not copied."""

@@ -16,6 +16,7 @@ from typing import Any
 import numba
 from llvmlite.binding import Linkage
 from numba.core import cgutils, types
+from numba.core.caching import Cache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.imputils import impl_ret_borrowed
 from numba.core.registry import cpu_target
@@ -143,4 +144,4 @@ in_rows: Any = intrinsic(_in_rows)
 
 def keep_nothing() -> None:
     """From now on this process keeps no machine code in files, as one that may not write them."""
-    Cache.save_overload = lambda self, signature, data: None
+    Cache.save_overload = lambda self, signature, data: None  # type: ignore[method-assign]

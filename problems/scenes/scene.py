@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import sqrt
 from typing import Any, TypeVar
 
 import numpy as np
@@ -36,6 +37,15 @@ def at_most(**limits: float) -> Callable[[Maker], Maker]:
     return declare
 
 
+def default_eps(bodies: Sequence[Body]) -> float:
+    """ε = 1e-3, or less where all bodies together weigh less than 1 kg: 1e-3 √Σm.
+
+    What ε bounds in (3.5) is ‖δq‖_M (2.19), which grows with the root of the mass: without that,
+    grams would be stepped so coarsely that T + V rises by thousandths.
+    """
+    return 1e-3 * min(1.0, sqrt(sum(body.mass for body in bodies)))
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Scene(Short):
     """Bodies, their initial state, and everything that acts on them.
@@ -45,7 +55,8 @@ class Scene(Short):
     ground : half planes that do not move
     forces : beside gravity;  impulses : external, at given times
     mu : friction coefficient;  mu_pairs : of particular pairs (body numbers from 1, 0 the ground)
-    mu_I : impulse friction coefficient, of contacts with mu > 0 (§5);  gravity : [m/s²];  eps : ε
+    mu_I : impulse friction coefficient, of contacts with mu > 0 (§5);  gravity : [m/s²]
+    eps : ε; 0 stands for `default_eps`
     end_time : [s];  stop_at_rest : end as soon as everything has been still for a while
     name, parameters : the function that made it and all its named parameters
 
@@ -63,7 +74,7 @@ class Scene(Short):
     mu_pairs: Mapping[tuple[int, int], float] = field(default_factory=dict)
     mu_I: float = 0.0
     gravity: float = 9.81
-    eps: float = 1e-3
+    eps: float = 0.0
     end_time: float = 1.0
     stop_at_rest: bool = False
     name: str = "scene"
@@ -89,6 +100,8 @@ class Scene(Short):
             if not np.isfinite(value) or value < 0:
                 raise ValueError(f"{name} = {value!r}; it must be a finite number, not negative")
             object.__setattr__(self, name, float(value))
+        if self.eps == 0:
+            object.__setattr__(self, "eps", default_eps(self.bodies))
         for pair, mu in self.mu_pairs.items():
             if not (np.isfinite(mu) and mu >= 0 and all(0 <= b <= n for b in pair)):
                 raise ValueError(

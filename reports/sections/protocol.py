@@ -13,11 +13,12 @@ import pandas as pd
 
 from harness.passes.limits import TIME_LIMIT
 from harness.recordings.recording import Reference
+from harness.study.disturb import SEED
 from problems.stepping.options import StepperOptions
 from reports.parts.names import in_order, solver_order
 from reports.parts.table import Table, percent, scientific, short, whole
 from reports.rows.comparison import SHIFT, SKIP_LIMIT
-from reports.rows.results import ARMS, Results
+from reports.rows.results import ARMS, DISTURBED, Results
 
 RUN_OPTIONS = (
     *("eps", "until", "fixed_step", "stops", "friction", "impulses"),
@@ -252,12 +253,17 @@ def record_command(label: str, parameters: Mapping[str, Any]) -> str:
 
     parameters : of the recording; they tell how it was run
 
-    A stretched recording is made from that of its scene.
+    A stretched or disturbed recording is made from that of its scene.
     """
     original, stretched, condition = label.partition(",condition=")
     if stretched:
         asked = f"--condition {shlex.quote(condition)}"
         return f"glambda stretch {_file(original)} {asked} -o recordings"
+    original, disturbed, kind = label.partition(DISTURBED)
+    if disturbed:
+        seed = parameters.get("disturbed.seed", SEED)
+        asked = f"--kinds {shlex.quote(kind)}" + (f" --seed {seed}" if seed != SEED else "")
+        return f"glambda disturb {_file(original)} {asked} -o recordings"
     name, *chosen = label.split(",")
     how: dict[str, Any] = {}
     if chosen and chosen[-1].startswith("friction="):  # of the run, and not of the scene

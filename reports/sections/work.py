@@ -1,4 +1,4 @@
-"""Work of the paper's method along one scene: when does a QP take more than one direction, and why?
+"""Work of our method along one scene: when does a QP take more than one direction, and why?
 
 Four panels over time: the events of the motion, the number of multipliers, the descent directions
 (§3.2: "at most time points the optimum is found after the computation of one"), and the conjugate
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def work_rows(results: Results, scene: str) -> pd.DataFrame:
-    """Warm solves of the paper's method on one scene at the study's first setting, by time."""
+    """Warm solves of our method on one scene at the study's first setting, by time."""
     rows = results.rows
     chosen = (
         (rows["scene"] == scene)
@@ -37,7 +37,7 @@ def work_rows(results: Results, scene: str) -> pd.DataFrame:
 def plot_work(
     results: Results, scene: str, path: str | Path, *, threshold: float | None = None
 ) -> Path:
-    """Work of the paper's method along a scene: events, k, descent directions, CG iterations.
+    """Work of our method along a scene: events, k, descent directions, CG iterations.
 
     Drawn from its warm solves at the study's first setting; factorizations are ticks under the CG
     iterations, and `threshold` the number of them beyond which the paper refactorizes.

@@ -32,10 +32,10 @@ from harness.study.study import record_into
 from solvers import registry
 
 SCENES = ("fig3", "fig4")
-SOLVERS = ("lotstedt", "daqp", "quadprog", "piqp", "proxqp", "scipy_bvls")
+SOLVERS = ("glambda", "daqp", "quadprog", "piqp", "proxqp", "scipy_bvls")
 PLANTED = {
     "daqp": "tests.endurance.planted:SlowDAQP",
-    "lotstedt": "tests.endurance.planted:BusyLotstedt",
+    "glambda": "tests.endurance.planted:BusyGlambda",
 }
 
 
@@ -111,9 +111,9 @@ def report(alike: Sequence[Path], other: dict[str, Path]) -> int:
         others.append(bool(blamed))
         if blamed:
             print(f"slow daqp, study {one.name}: {', '.join(blamed)}")
-        changes = compare_results(one, other["lotstedt"])
+        changes = compare_results(one, other["glambda"])
         risen = changes.counts[changes.counts["risen"]]
-        counts.append(set(risen["solver"]) == {"lotstedt"})
+        counts.append(set(risen["solver"]) == {"glambda"})
     rows = [
         ("comparisons of the same code", len(false)),
         ("that saw a change", sum(false)),

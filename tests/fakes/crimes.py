@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 from harness.passes.wire import READY
 from harness.processes.confined import is_confined
 from problems.qp import ContactQP, Solution, Status, Timing, WorkCounts
-from solvers.active_set.method import Lotstedt
+from solvers.active_set.glambda import Glambda
 from solvers.base import Answer, Solver, Unsupported
 
 SCENE = 0.02
@@ -52,7 +52,7 @@ class Honest(Solver):
     def run(self, native: Any) -> Any:
         if native.t == SCENE:
             self.crime(native)
-        return self.answer(native, Lotstedt(1e-13).solve(native).x)
+        return self.answer(native, Glambda(1e-13).solve(native).x)
 
     def crime(self, qp: ContactQP) -> None:
         """Nothing."""

@@ -23,7 +23,7 @@ glambda.simulate(4)
 
 def test_a_scene_and_a_solver_are_named_or_given() -> None:
     run = glambda.simulate("fig4", until=0.05)
-    same = glambda.simulate(glambda.scene("fig4"), glambda.make_solver("lotstedt"), until=0.05)
+    same = glambda.simulate(glambda.scene("fig4"), glambda.make_solver("glambda"), until=0.05)
     other = glambda.simulate("fig4", "quadprog", until=0.05)
     assert run.q.tobytes() == same.q.tobytes()
     assert abs(other.q[-1] - run.q[-1]).max() < 1e-5

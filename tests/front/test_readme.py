@@ -35,22 +35,22 @@ SHORT = {
     "glambda record wall,bodies=1000,mu=0.3 --fixed-step 0.005 --stops held": "glambda record "
     "wall,bodies=8,mu=0.3 --fixed-step 0.005 --stops held --until 0.01",
     "glambda replay recordings/*.h5 --arms cold,warm,exact,stale5,corrupted -o results": "+ "
-    "--solvers lotstedt --settings high --repeats 1",
+    "--solvers glambda --settings high --repeats 1",
     "glambda replay recordings/*.h5 --settings 1e-3,1e-6,1e-9 -o results": "+ "
-    "--solvers lotstedt --arms cold --repeats 1",
+    "--solvers glambda --arms cold --repeats 1",
     "glambda replay recordings/*.h5 --solvers forms -o results": "glambda replay "
     "recordings/wall*.h5 --solvers forms -o results --settings high --arms cold --repeats 1",
-    "glambda verify": "+ recordings/fig4.h5 --solvers lotstedt,daqp",
-    "glambda closed-loop fig4 -o closed_loop": "+ --until 0.02 --solvers lotstedt "
+    "glambda verify": "+ recordings/fig4.h5 --solvers glambda,daqp",
+    "glambda closed-loop fig4 -o closed_loop": "+ --until 0.02 --solvers glambda "
     "--settings paper --sweep none",
     "glambda convergence -o convergence": "+ wall,bodies=3",
     "glambda peers -o peers": "+ fig4@0.05 --engines glambda --limit 0.001",
     "glambda criterion recordings/*.h5 -o criterion": "glambda criterion recordings/wall*.h5 "
     "-o criterion --repeats 1",
-    "glambda growth tower wall -o growth": "+ --bodies 3 --solvers lotstedt",
-    "glambda study --quick": "+ --scenes fig5 --solvers lotstedt",
+    "glambda growth tower wall -o growth": "+ --bodies 3 --solvers glambda",
+    "glambda study --quick": "+ --scenes fig5 --solvers glambda",
     "glambda study --workers 4": "glambda study --workers 2 --quick --scenes fig5 "
-    "--solvers lotstedt --results shared",
+    "--solvers glambda --results shared",
 }
 """What runs instead of a command, or "+" and what is added to it, so that it takes seconds."""
 SMALLER = {

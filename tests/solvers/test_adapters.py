@@ -17,7 +17,7 @@ from solvers.registry import describe, make_solver, solver_names
 from tests.fakes.assertions import assert_kkt, assert_same_force, force_scale
 from tests.fakes.random_qps import KINDS, Case, contact_sequence, random_qp
 
-ACCURATE = ("lotstedt", "velocity", "enumeration", "scipy_bvls", "daqp", "quadprog")
+ACCURATE = ("glambda", "lotstedt", "velocity", "enumeration", "scipy_bvls", "daqp", "quadprog")
 """Backends that must have A x to 1e-9 of the force, always."""
 
 ASKED = 1e-9
@@ -43,7 +43,7 @@ EXPECTED_MISSES: dict[tuple[str, str], tuple[float, str]] = {
 }
 """(backend, kind) → the error that is allowed instead, and why."""
 
-OURS = ("lotstedt", "velocity", "enumeration", "pgs")
+OURS = ("glambda", "lotstedt", "velocity", "enumeration", "pgs")
 """Backends whose answers are the same bit for bit in one process.  Packages may round by where
 their memory lies: ProxQP does."""
 
@@ -167,7 +167,7 @@ def test_rounding_is_no_way_down_for_daqp(form: str, kind: str):
             continue
         assert solution.status is Status.SOLVED, (seed, solution.status_text)
         assert solution.iterations < 1000
-        exact = make_solver("lotstedt", accuracy=1e-12).solve(qp)
+        exact = make_solver("glambda", accuracy=1e-12).solve(qp)
         assert_kkt(qp, exact.x, 1e-9)
         assert_same_force(qp, solution.x, qp.A @ exact.x, 1e-9 if kind == "fan" else 1e-8)
 
@@ -200,7 +200,7 @@ def test_a_bound_that_was_reached_may_be_gone(name: str):
             assert_same_force(freed, solution.x, freed.A @ cold.x, tolerance(name))
 
 
-@pytest.mark.parametrize("name", ["lotstedt", "velocity", "daqp", "enumeration"])
+@pytest.mark.parametrize("name", ["glambda", "velocity", "daqp", "enumeration"])
 def test_a_warm_start_from_the_answer_costs_least(name: str):
     for kind in ("full_rank", "two_sided", "contact_small"):
         for qp, _ in cases(kind):

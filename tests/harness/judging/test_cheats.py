@@ -25,7 +25,7 @@ from problems.qp import ContactQP, Vector, positions_of
 from reports.rows.comparison import compare
 from reports.rows.results import prepare
 from solvers import registry
-from solvers.active_set.method import Lotstedt
+from solvers.active_set.glambda import Glambda
 from solvers.base import Unsupported
 from tests.fakes.crooked import Right
 from tests.fakes.fake_recordings import fake_recording
@@ -35,7 +35,7 @@ INF = np.inf
 
 
 def solved(qp: ContactQP) -> Vector:
-    return np.asarray(Lotstedt(1e-14).solve(qp).x)
+    return np.asarray(Glambda(1e-14).solve(qp).x)
 
 
 def least_residual(qp: ContactQP, x: Vector) -> Vector:

@@ -245,7 +245,7 @@ def test_a_study_that_is_resumed_has_the_same_rows(study: pd.DataFrame, tmp_path
 
 def test_the_same_rows_come_from_our_own_process() -> None:
     options: Any = {"settings": ["high"], "repeats": 1}
-    solvers = ["Honest", "lies", "nan", "picks_and_chooses", "scipy_bvls", "lotstedt", "daqp"]
+    solvers = ["Honest", "lies", "nan", "picks_and_chooses", "scipy_bvls", "glambda", "daqp"]
     rows = [replay(fake_recording(), solvers, isolate=flag, **options) for flag in (True, False)]
     times = list(FROM_PASSES)
     pd.testing.assert_frame_equal(*(part.drop(columns=times) for part in rows))

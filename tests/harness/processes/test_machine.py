@@ -31,9 +31,9 @@ def test_no_host_names_and_no_paths() -> None:
 
 
 def test_versions_name_the_package_and_our_source() -> None:
-    assert solver_version("lotstedt").startswith("glambda ")
+    assert solver_version("glambda").startswith("glambda ")
     assert "scipy " in solver_version("scipy_bvls") and "(source " in solver_version("scipy_bvls")
-    assert solver_version("lotstedt[exact_qr]") == solver_version("lotstedt")
+    assert solver_version("lotstedt[exact_qr]") == solver_version("glambda")
     assert set(library_versions()) >= {"glambda", "numpy", "scipy"}
 
 

@@ -314,7 +314,7 @@ def test_memory_is_not_kept_in_outcomes() -> None:
 
 
 def test_every_pass_says_what_pace_the_machine_had(tmp_path: Path) -> None:
-    replay(fake_recording(), ["lotstedt", "daqp"], results=tmp_path, repeats=2)
+    replay(fake_recording(), ["glambda", "daqp"], results=tmp_path, repeats=2)
     pace = read_repeats(tmp_path).groupby(["solver", "arm", "repeat"])["pace"]
     assert (pace.nunique() == 1).all() and (pace.first() > 0).all()
     assert pace.first().nunique() > 1  # measured anew each time

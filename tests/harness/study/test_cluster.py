@@ -24,7 +24,7 @@ from tests.fakes.fake_recordings import fake_recording
 
 pytest.importorskip("distributed")
 
-SOLVERS = ("lotstedt", "scipy_bvls")
+SOLVERS = ("glambda", "scipy_bvls")
 SETTINGS = ("paper", "high")
 ARMS = ("cold", "warm")
 TIMES = ("runtime", "runtime_median", *SHARD_TIMES)

@@ -1,4 +1,4 @@
-"""Steps taken in compiled code: the same motion as step by step, events and counts included."""
+"""Steps are the same whoever solves their QPs: a compiled method, or a solver that is asked."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from problems.bodies.forces import Load
 from problems.bodies.shapes import box_corners
 from problems.contacts.geometry import HalfPlane
 from problems.friction import newton_coulomb
-from problems.least_norm import minimum_norm
-from problems.stepping import quiet
+from problems.stepping import driver, records
 from problems.stepping.stepper import Stepper, StepperOptions
 from solvers import make_solver
 
@@ -24,7 +23,7 @@ SAME = 1e-10
 
 def both(name: str, parameters: dict, **options):
     runs = [
-        simulate(scene(name, **parameters), make_solver("lotstedt"), keep_qps=keep, **options)
+        simulate(scene(name, **parameters), make_solver("glambda"), keep_qps=keep, **options)
         for keep in (True, False)
     ]
     return runs
@@ -44,7 +43,7 @@ def both(name: str, parameters: dict, **options):
         ("heap", {"bodies": 6}, 0.25),
     ],
 )
-def test_quiet_steps_are_those_of_the_stepper(name, parameters, until):
+def test_steps_of_a_compiled_method_are_those_of_a_solver_that_is_asked(name, parameters, until):
     kept, left = both(name, parameters, until=until)
     # rounding may decide whether (4.8) is posed once more, without its Coulomb rows
     assert left.counts == kept.counts | {"qps": pytest.approx(kept.counts["qps"], abs=1)}
@@ -71,7 +70,7 @@ def test_quiet_steps_are_those_of_the_stepper(name, parameters, until):
         ("fig4", {}, 0.5, {"stops": "held"}),
     ],
 )
-def test_quiet_steps_obey_the_options(name, parameters, until, options):
+def test_they_are_with_other_options(name, parameters, until, options):
     kept, left = both(name, parameters, until=until, **options)
     # a collision with redundant contacts takes a few passes more or less, as rounding has it
     passes = 2 if options.get("impulses") == "newton_coulomb" else 0
@@ -80,34 +79,79 @@ def test_quiet_steps_obey_the_options(name, parameters, until, options):
     np.testing.assert_allclose(left.q, kept.q, rtol=0, atol=SAME)
 
 
-@pytest.mark.parametrize(("name", "until"), [("fig2", 0.7), ("fig4", 1.5), ("fig5", 2.0)])
-def test_most_steps_are_left_to_the_solver(name, until, monkeypatch):
-    import problems.stepping.stepper as stepper
-
-    alone = []
-    advance = stepper.Stepper._try_velocity
-    monkeypatch.setattr(
-        stepper.Stepper,
-        "_try_velocity",
-        lambda self, *args: alone.append(self.system.t) or advance(self, *args),
+@pytest.mark.parametrize("name", ["fig3", "fig4", "fig5"])
+def test_steps_of_another_solver_are_the_same(name):
+    ours, theirs = (
+        simulate(scene(name), make_solver(solver), until=0.8) for solver in ("glambda", "daqp")
     )
-    run = simulate(scene(name), make_solver("lotstedt"), until=until, keep_qps=False)
-    assert len(alone) < 0.1 * run.counts["steps"]
+    assert theirs.counts == ours.counts
+    assert [event.kind for event in theirs.event_log] == [event.kind for event in ours.event_log]
+    np.testing.assert_allclose(theirs.q, ours.q, rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize(("name", "in_vain"), [("fig2", 0.0), ("fig5", 0.4)])
-def test_the_solver_is_not_asked_where_it_is_known_to_take_no_steps(name, in_vain, monkeypatch):
-    taken, take = [], quiet.run_quiet_steps
+def first_end(made: Scene, before: float | None = None) -> int:
+    """How the first call ends that takes a step of 0.1 s; v of body 1 was `before` 0.1 s ago."""
+    options = StepperOptions.of(made.eps, fixed_step=0.1)
+    stepper = Stepper(made, make_solver("glambda"), options, keep_qps=False)
+    stepper.start()
+    history = stepper.system.history
+    if before is not None:
+        v_before = np.array([0.0, before, 0.0])
+        history.resume(history.v, v_before, [np.zeros(3), np.zeros(3)], 0.1, 2)
+    stepper._driver.begin(0.1)
+    return stepper._driver.go_on()
 
-    def watched(run, *method):
-        take(run, *method)
-        taken.append(int(run.tally[0]["taken"]))
 
-    monkeypatch.setattr(quiet, "run_quiet_steps", watched)
-    simulate(scene(name), make_solver("lotstedt"), until=0.7, keep_qps=False)
-    assert taken
-    # a collision is seen coming; contacts that jam are not
-    assert taken.count(0) <= in_vain * len(taken)
+def box_at(y: float, speed: float) -> Scene:
+    """A box of height 1 above the ground, without gravity."""
+    still = {"bodies": (box(1.0, 1.0),), "gravity": 0.0}
+    return Scene(q0=[(0.0, y, 0.0)], v0=[(0.0, speed, 0.0)], **still)
+
+
+@pytest.mark.parametrize(
+    ("speed", "hits"), [(-1.0, False), (-1.99, False), (-2.01, True), (0.0, False)]
+)
+def test_what_may_be_hit_is_for_the_stepper(speed, hits):
+    """A box 0.2 above the ground falls for 0.1 s."""
+    assert (first_end(box_at(0.7, speed)) == records.MEETS) == hits
+
+
+@pytest.mark.parametrize(("speed", "hits"), [(-10.0, True), (-5.0, False)])
+def test_what_is_hit_on_the_way_is_seen(speed, hits):
+    """Down and up again within the step: at the end the box is where it was."""
+    assert (first_end(box_at(0.7, speed), before=3 * speed) == records.MEETS) == hits
+
+
+@pytest.mark.parametrize("shift", [0.0, 7.4, 7.6, -7.4, -7.6])
+def test_corners_beyond_their_edge_are_for_the_stepper(shift):
+    """A box slides along another, 1.5 long, on which its lower left corner is in the middle."""
+    made = Scene(
+        bodies=(box(1.5, 1.0, 1e9), polygon_body([(0, 0), (0.4, 1.0), (-0.4, 1.0)])),
+        q0=[(0.0, 0.5, 0.0), (0.0, 1.0 + 2 / 3, 0.0)],
+        v0=[(0.0, 0.0, 0.0), (shift, 0.0, 0.0)],
+    )
+    assert (first_end(made) == records.MEETS) == (abs(shift) > 7.5)
+
+
+def test_two_first_order_steps_after_a_restart():
+    stepper = Stepper(scene("fig2"), make_solver("glambda"), StepperOptions.of(1e-3))
+    stepper.start()
+    orders = []
+    for _ in range(4):
+        stepper.advance(1.0)
+        orders.append(int(stepper._driver.trial["order"]))
+    assert stepper.system.counts["steps"] == 4
+    assert orders == [1, 1, 2, 2]
+
+
+@pytest.mark.parametrize(("name", "until"), [("fig2", 0.7), ("fig4", 1.5), ("fig5", 2.0)])
+def test_most_steps_are_left_to_compiled_code(name, until, monkeypatch):
+    seen, see = [], Stepper._see_to_step
+    monkeypatch.setattr(
+        Stepper, "_see_to_step", lambda self, *args: seen.append(self.system.t) or see(self, *args)
+    )
+    run = simulate(scene(name), make_solver("glambda"), until=until, keep_qps=False)
+    assert len(seen) < 0.3 * run.counts["steps"]
 
 
 def test_redundant_contacts_that_all_slide_share_their_load():
@@ -122,7 +166,7 @@ def test_redundant_contacts_that_all_slide_share_their_load():
         mu=0.45,
         end_time=0.3,
     )
-    solver = make_solver("lotstedt")
+    solver = make_solver("glambda")
     kept, left = (simulate(sledge, solver, keep_qps=keep) for keep in (True, False))
     assert left.counts == kept.counts and kept.counts["qps"] > 2 * kept.counts["steps"]
     np.testing.assert_allclose(left.q, kept.q, rtol=0, atol=SAME)
@@ -130,38 +174,12 @@ def test_redundant_contacts_that_all_slide_share_their_load():
         np.testing.assert_allclose(list(one.values()), list(other.values()), rtol=1e-6, atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("name", "kinds"),
-    [("fig2", ["drop"] * 2), ("fig5", ["drop", "stick_to_slip", "stick_to_slip"])],
-)
-def test_contacts_leave_and_slip_within_compiled_steps(name, kinds, monkeypatch):
-    from problems.stepping.stepper import Stepper
-
-    inside, follow = [], Stepper._after_quiet_steps
-
-    def watched(self, taken, last):
-        inside.extend(event.kind for event in self.system.event_log[len(seen) :])
-        follow(self, taken, last)
-
-    def stepped(self, end):
-        seen[:] = self.system.event_log
-        advance(self, end)
-
-    seen, advance = [], Stepper.advance
-    monkeypatch.setattr(Stepper, "_after_quiet_steps", watched)
-    monkeypatch.setattr(Stepper, "advance", stepped)
-    simulate(scene(name), make_solver("lotstedt"), until=0.8, keep_qps=False)
-    assert sorted(inside) == kinds
-
-
 @pytest.mark.parametrize(("name", "until"), [("fig2", 0.9), ("fig4", 0.5), ("fig5", 0.5)])
 def test_steps_of_several_calls_are_those_of_one(name, until, monkeypatch):
-    import problems.stepping.quiet as quiet
-
     runs = []
-    for most in (quiet.MOST, 2, 1):
-        monkeypatch.setattr(quiet, "MOST", most)
-        runs.append(simulate(scene(name), make_solver("lotstedt"), until=until, keep_qps=False))
+    for most in (driver.MOST, 2, 1):
+        monkeypatch.setattr(driver, "MOST", most)
+        runs.append(simulate(scene(name), make_solver("glambda"), until=until, keep_qps=False))
     for run in runs[1:]:
         np.testing.assert_array_equal(run.q, runs[0].q)
         np.testing.assert_array_equal(run.gaps, runs[0].gaps)
@@ -173,11 +191,8 @@ def test_compiled_calls_are_made_with_the_same_types_always(monkeypatch):
     """What is called directly does not look at them."""
     import numba
 
-    for module, name in (
-        (quiet, "run_quiet_steps"),
-        (newton_coulomb, "run_impulse_passes"),
-        (minimum_norm, "run_least_norm"),
-    ):
+    calls = (driver, "run_steps"), (newton_coulomb, "run_fixed_point")
+    for module, name in calls:
         code, seen = getattr(module, name), set()
 
         def watched(*arguments, code=code, seen=seen):
@@ -194,11 +209,11 @@ def test_compiled_calls_are_made_with_the_same_types_always(monkeypatch):
         ):
             simulate(
                 scene(case, **parameters),
-                make_solver("lotstedt", accuracy=1e-9 if case == "fig4" else None),
+                make_solver("glambda", accuracy=1e-9 if case == "fig4" else None),
                 until=0.6,
                 eps=0.01,
                 impulses="newton_coulomb",
-                keep_qps=False,
+                keep_qps=case == "fig5",
             )
         assert len(seen) == 1
 
@@ -219,7 +234,7 @@ def test_a_load_that_begins_is_obeyed():
 
     pushed = replace(scene("fig2"), forces=(Load(4, (1.5, 0.0, 0.0), 0.1, 0.2),))
     kept, left = (
-        simulate(pushed, make_solver("lotstedt"), until=0.35, keep_qps=keep)
+        simulate(pushed, make_solver("glambda"), until=0.35, keep_qps=keep)
         for keep in (True, False)
     )
     np.testing.assert_allclose(left.q, kept.q, rtol=0, atol=SAME)
@@ -236,7 +251,7 @@ def test_a_rest_that_has_ended_is_forgotten():
         stop_at_rest=True,
     )
     options = StepperOptions.of(sliding.eps)
-    stepper = Stepper(sliding, make_solver("lotstedt"), options, keep_qps=False)
+    stepper = Stepper(sliding, make_solver("glambda"), options, keep_qps=False)
     stepper.start()
     stepper.system.rest_since = -1.0
     stepper.advance(1.0)
@@ -249,10 +264,11 @@ def test_a_corner_that_left_sunk_comes_back_to_the_edge():
     """Its reference level is forgotten far outside, on the way too."""
     fig4 = scene("fig4")
     sunk = replace(fig4, q0=fig4.q0 - [0.0, 1e-5, 0.0])
-    stepper = Stepper(sunk, make_solver("lotstedt"), StepperOptions.of(1e-4), keep_qps=False)
+    stepper = Stepper(sunk, make_solver("glambda"), StepperOptions.of(1e-4), keep_qps=False)
     stepper.start()
     assert stepper.system.graph.candidates.levels()
-    stepper.advance(0.1)
+    while stepper.system.t < 0.1:
+        stepper.advance(0.1)
     assert stepper.system.t == 0.1
     assert [event.kind for event in stepper.system.event_log].count("drop") == 2
     candidates = stepper.system.graph.candidates
