@@ -180,8 +180,8 @@ class Driver:
         active = graph.active_set()
         if places:
             active = active.carried_by(graph.geometry, places)
-        if signs is None:
-            signs = np.array([friction.sign for friction in active.frictions], dtype=np.float64)
+        own = np.array([friction.sign for friction in active.frictions], dtype=np.float64)
+        signs = own if signs is None else signs
         layout = active.layout(signs)
         asks = self._always_asks or trial["stuck"] or system.qps.compiled(layout.k) is None
         trial["asks"] = trial["asks"] or asks
@@ -201,8 +201,7 @@ class Driver:
         rows = active.normal_ids.size + signs.size
         if self._multipliers.size < MOST * rows:
             self._multipliers = np.empty(2 * MOST * rows)
-        held = any(f.sign != 0 and s == 0 for f, s in zip(active.frictions, signs, strict=True))
-        self._tally[0]["watched"] |= held
+        self._tally[0]["watched"] |= bool((own[signs == 0] != 0).any())
         self._active, self._places, self._posed = active, places, None
         self._run = Steps(
             shapes=system.shapes,
