@@ -104,7 +104,16 @@ def test_the_list_says_why_one_is_absent() -> None:
 def test_a_study_with_a_broken_plug_in_goes_on(tmp_path: Path) -> None:
     path = tmp_path / "fake.h5"
     write_recording(path, fake_recording())
-    asked = ["replay", str(path), "--solvers", "segfault,right", "--arms", "cold"]
+    asked = [
+        "replay",
+        str(path),
+        "--solvers",
+        "segfault,right",
+        "--arms",
+        "cold",
+        "--settings",
+        "high",
+    ]
     said = CliRunner().invoke(app, [*asked, "-o", str(tmp_path / "results")])
     assert said.exit_code == 1
     assert "segfault: cannot be imported: SIGSEGV" in said.stderr
