@@ -31,7 +31,7 @@ def known() -> Iterator[None]:
     introduction.forget()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(registry, "_REGISTERED", targets() | {"right": CROOKED["right"]})
-        patch.setattr(introduction, "IMPORTING", 5.0)
+        patch.setattr(introduction, "IMPORTING", 20.0)
         yield
     introduction.forget()
 
@@ -72,7 +72,7 @@ def test_who_ends_its_process_has_rows_that_say_so(study: pd.DataFrame, name: st
         "leaves": "left with exit code 0",
         "wants_to_leave": "left with exit code",
         "segfault": "SIGSEGV",
-        "hangs": "took more than 5 s",
+        "hangs": "took more than 20 s",
     }
     assert rows["status_text"].str.contains(words[name]).all()
 
