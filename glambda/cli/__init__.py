@@ -10,7 +10,7 @@ from __future__ import annotations
 import signal
 
 from glambda.cli.app import app
-from glambda.cli.streams import guard_streams
+from glambda.cli.streams import guard_streams, heed_interrupts
 from harness.machine.threads import ask_for_one_thread
 
 # isort: off
@@ -38,5 +38,8 @@ def main() -> None:
     """Entry point of the command `glambda`."""
     ask_for_one_thread()
     guard_streams()
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends a study as Ctrl-C does
+    heed_interrupts()
+    for name in ("SIGTERM", "SIGHUP"):  # they end a study as Ctrl-C does
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.default_int_handler)
     app()

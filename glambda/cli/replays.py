@@ -96,20 +96,25 @@ def replay(
             progress=tell,
         )
     terminal().print(replay_table(rows))
-    told_if_disturbed(rows)
+    told_if_no_result(rows)
 
 
-def told_if_disturbed(rows: pd.DataFrame) -> None:
+def told_if_no_result(rows: pd.DataFrame) -> None:
     """Exit 1 with the runs that are no result of a solver, and why."""
+    from harness.processes.introduction import NO_IMPORT
     from harness.results.store import is_disturbed
 
+    broken = rows[rows["status_text"].str.startswith(NO_IMPORT)]
+    for solver, text in broken.groupby("solver")["status_text"].first().items():
+        typer.echo(f"{solver}: {text}", err=True)
     disturbed = rows[[is_disturbed(row) for row in rows[["status_text"]].to_dict("records")]]
-    if disturbed.empty:
-        return
     for (solver, scene), part in disturbed.groupby(["solver", "scene"]):
         typer.echo(f"{solver} on {scene}: {part['status_text'].iloc[0]}", err=True)
-    typer.echo(f"{len(disturbed)} QPs were disturbed; the same command tries them again", err=True)
-    raise typer.Exit(1)
+    if len(disturbed):
+        text = f"{len(disturbed)} QPs were disturbed; the same command tries them again"
+        typer.echo(text, err=True)
+    if len(disturbed) or len(broken):
+        raise typer.Exit(1)
 
 
 @app.command()

@@ -31,6 +31,8 @@ LONGEST = 1 << 16
 """Bytes that a solver may say of itself."""
 LENGTH = 300
 """Characters of a text that are kept."""
+NO_IMPORT = "cannot be imported: "
+"""What the reason begins with where a solver is broken."""
 RAISED: dict[str, type[Exception]] = {"ValueError": ValueError, "ImportError": ImportError}
 """What is raised as it would be if the solver were imported here."""
 
@@ -89,6 +91,11 @@ def _about(name: str, target: str, options: tuple[tuple[str, Any], ...]) -> Abou
         process.kill()
 
 
+def forget() -> None:
+    """Ask anew: what stands behind a name has changed."""
+    _about.cache_clear()
+
+
 def said_of(solver: str, options: dict[str, Any]) -> dict[str, Any]:
     """What a solver that is imported here says of itself, or the error where it cannot be made."""
     try:
@@ -126,7 +133,7 @@ def _heard(name: str, process: Process) -> About:
 
 
 def _broken(name: str, why: str) -> About:
-    why = f"cannot be imported: {why}"
+    why = f"{NO_IMPORT}{why}"
     return About(SolverInfo(name, False, why), raises="broken", reason=why)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import json
 import os
@@ -62,12 +63,17 @@ class Server:
             start_new_session=True,
         )
         theirs.close()
-        self.close = weakref.finalize(self, _end, self._link, self._process, self.folder)
+        self._let_go = weakref.finalize(self, _let_go, self._link, self._process)
+
+    def close(self) -> None:
+        """End it with all that it has forked, and wait for that."""
+        self._let_go()
+        _wait_for_the_ending()
 
     @property
     def is_alive(self) -> bool:
         """Whether it can still be told something."""
-        return self.close.alive and self._process.poll() is None
+        return self._let_go.alive and self._process.poll() is None
 
     def order(self, link: socket.socket | None = None, **what: Any) -> None:
         """Tell it to do something; if it is gone, `await_event` says so."""
@@ -110,15 +116,26 @@ class Server:
         return self._codes[pid]
 
 
-def _end(link: socket.socket, process: subprocess.Popen[bytes], folder: Path) -> None:
-    """The server kills its processes and ends when its link is closed."""
+_ending: list[subprocess.Popen[bytes]] = []
+"""Servers that kill their processes, delete their folder and end, as their link is closed."""
+
+
+def _let_go(link: socket.socket, process: subprocess.Popen[bytes]) -> None:
+    """Called by the garbage collector as well, where an interrupt would be lost: it waits not."""
     link.close()
-    try:
-        process.wait(PATIENCE)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-    shutil.rmtree(folder, ignore_errors=True)
+    _ending.append(process)
+
+
+@atexit.register
+def _wait_for_the_ending() -> None:
+    while _ending:
+        process = _ending[-1]
+        try:
+            process.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        _ending.pop()
 
 
 _servers = threading.local()

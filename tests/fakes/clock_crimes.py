@@ -20,7 +20,7 @@ import numpy as np
 
 from problems.qp import ContactQP, Solution, Timing
 from solvers import base
-from solvers.active_set.method import Lotstedt
+from solvers.active_set.glambda import Glambda
 from solvers.base import Answer
 from tests.fakes.crimes import Honest
 
@@ -33,7 +33,7 @@ KNOWN: dict[Any, Any] = {}
 def work(qp: ContactQP) -> Any:
     """x, in no less than `PAD`."""
     time.sleep(PAD)
-    return Lotstedt(1e-13).solve(qp).x
+    return Glambda(1e-13).solve(qp).x
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ class WorksAsItAdopts(Padded):
         return None
 
     def found(self, qp: ContactQP) -> Any:
-        return Lotstedt(1e-13).solve(qp).x
+        return Glambda(1e-13).solve(qp).x
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ def known() -> Iterator[None]:
     introduction.forget()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(registry, "_REGISTERED", targets() | {"right": CROOKED["right"]})
-        patch.setattr(introduction, "IMPORTING", 5.0)
+        patch.setattr(introduction, "IMPORTING", 20.0)
         yield
     introduction.forget()
 
@@ -72,7 +72,7 @@ def test_who_ends_its_process_has_rows_that_say_so(study: pd.DataFrame, name: st
         "leaves": "left with exit code 0",
         "wants_to_leave": "left with exit code",
         "segfault": "SIGSEGV",
-        "hangs": "took more than 5 s",
+        "hangs": "took more than 20 s",
     }
     assert rows["status_text"].str.contains(words[name]).all()
 
@@ -104,7 +104,16 @@ def test_the_list_says_why_one_is_absent() -> None:
 def test_a_study_with_a_broken_plug_in_goes_on(tmp_path: Path) -> None:
     path = tmp_path / "fake.h5"
     write_recording(path, fake_recording())
-    asked = ["replay", str(path), "--solvers", "segfault,right", "--arms", "cold"]
+    asked = [
+        "replay",
+        str(path),
+        "--solvers",
+        "segfault,right",
+        "--arms",
+        "cold",
+        "--settings",
+        "high",
+    ]
     said = CliRunner().invoke(app, [*asked, "-o", str(tmp_path / "results")])
     assert said.exit_code == 1
     assert "segfault: cannot be imported: SIGSEGV" in said.stderr
