@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from glambda.pictures import plot_motion as plot_motion
     from glambda.pictures import plot_outside as plot_outside
     from glambda.pictures import plot_profiles as plot_profiles
+    from harness.exchange.certificates import certify as certify
     from harness.exchange.exporting import export as export
     from harness.exchange.importing import import_files as import_files
     from harness.judging.judge import Judgement as Judgement
@@ -62,6 +63,7 @@ if TYPE_CHECKING:
 HOMES = {
     "glambda.by_name": "load_results record simulate",
     "glambda.pictures": "Picture plot_accuracy plot_cost plot_motion plot_outside plot_profiles",
+    "harness.exchange.certificates": "certify",
     "harness.exchange.exporting": "export",
     "harness.exchange.importing": "import_files",
     "harness.judging.judge": "Judgement judge",

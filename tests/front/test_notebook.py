@@ -1,4 +1,4 @@
-"""docs/own_data.ipynb runs from its first cell to its last, as a script."""
+"""docs/how_to/own_data.ipynb runs from its first cell to its last, as a script."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-NOTEBOOK = Path(__file__).parents[2] / "docs" / "own_data.ipynb"
+NOTEBOOK = Path(__file__).parents[2] / "docs" / "how_to" / "own_data.ipynb"
 
 
 def cells() -> list[str]:
