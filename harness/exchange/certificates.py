@@ -32,7 +32,7 @@ class Certified(NamedTuple):
     without: tuple[int, ...]
 
 
-def certify(recording: Recording, path: Path, progress: Progress | None = None) -> Certified:
+def certify(recording: Recording, path: str | Path, progress: Progress | None = None) -> Certified:
     """Write the certificates of a recording.
 
     progress : called with "certify" (QPs)
@@ -56,7 +56,7 @@ def certify(recording: Recording, path: Path, progress: Progress | None = None) 
         "without": without,
         "qps": made,
     }
-    write_whole(path, json.dumps(content, separators=(",", ":")).encode())
+    write_whole(Path(path), json.dumps(content, separators=(",", ":")).encode())
     return Certified(len(made), tuple(without))
 
 

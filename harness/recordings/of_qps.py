@@ -50,11 +50,12 @@ def recording_from(
     given = [None] * len(qps) if answers is None else list(answers)
     if len(given) != len(qps):
         raise ValueError(f"{len(qps)} QPs need as many answers; got {len(given)}")
+    solutions = tuple(_solution(qp, x) for qp, x in zip(qps, given, strict=True))
     references = []
-    for i, (qp, x) in enumerate(zip(qps, given, strict=True)):
+    for i, (qp, solution) in enumerate(zip(qps, solutions, strict=True)):
         if progress is not None:
             progress("reference", i, len(qps))
-        references.append(reference(qp, start=x))
+        references.append(reference(qp, start=solution.x))
     none = np.zeros((0, 0, 3))
     return Recording(
         scene=scene,
@@ -63,7 +64,7 @@ def recording_from(
         gravity=float(gravity),
         code_version=f"glambda {metadata.version('glambda')}",
         qps=qps,
-        solutions=tuple(_solution(qp, x) for qp, x in zip(qps, given, strict=True)),
+        solutions=solutions,
         references=tuple(references),
         mu=tuple(np.zeros(qp.k) for qp in qps),
         polygons=(),
