@@ -31,7 +31,7 @@ class Limits(NamedTuple):
 class Pass(NamedTuple):
     """What came of a pass.
 
-    outcomes : one per QP;  times : (n, 4) [s] build, setup, solve, call, NaN where unknown
+    outcomes : one per QP;  times : (n, 5) [s] build, setup, solve, call, inside, NaN where unknown
     lost : the QPs that have cost a process
     """
 

@@ -39,6 +39,9 @@ FATAL = (MemoryError, SystemExit)
 UNEXPLAINED = 0.01
 """Seconds of a call that a solver's own clocks may leave out."""
 
+CLOCKS = ("build", "setup", "solve", "call", "inside")
+"""What the times of a solve are."""
+
 CLOCK = time.perf_counter
 """Bound once, so that a backend that puts another one into `time` does not put it here."""
 
@@ -79,7 +82,7 @@ class Watch:
         """The QP at this position of the order is about to be solved."""
 
     def end(self, index: int, outcome: Outcome, times: NDArray[np.float64]) -> None:
-        """QP `index` has this outcome in these times (4,).  After the pass it may be told anew."""
+        """QP `index` has this outcome in these times (5,).  After the pass it may be told anew."""
 
 
 UNWATCHED = Watch()
@@ -166,12 +169,13 @@ def run_pass(
     watch : told of each QP
 
     Returns the outcomes of the QPs that were come to, in the order of the recording, and the times
-    of all (n, 4) [s]: build, setup, solve, call; NaN where unknown.
+    of all (n, 5) [s]: build, setup, solve, call, and what the package's own clock says; NaN where
+    unknown.
     Raises ValueError for an unknown arm.
     """
     starts = Starts(solver, arm, qps, references, first)
     outcomes: dict[int, Outcome] = {}
-    times = np.full((len(qps), 4), np.nan)
+    times = np.full((len(qps), len(CLOCKS)), np.nan)
     solution: Solution | None
     slow, clock = 0, CLOCK
     inputs = Inputs(qps)
@@ -199,7 +203,7 @@ def run_pass(
                 t1 = clock()
                 outcome = _outcome_of(solution, qp, t1 - t0 > time_limit, start is not None, alone)
                 timing = solution.timing
-                times[i] = timing.build, timing.setup, timing.solve, t1 - t0
+                times[i] = timing.build, timing.setup, timing.solve, t1 - t0, timing.inside
             except Unsupported as reason:
                 come_to(i, Outcome("skipped", status_text=str(reason), after_restart=alone))
                 continue
@@ -234,7 +238,7 @@ def pose(qps: Sequence[ContactQP], asked: Sequence[float]) -> list[ContactQP]:
 
 
 def believed(times: NDArray[np.float64]) -> tuple[NDArray[np.float64], list[int]]:
-    """Times (n, 4) [s] less what cannot be: a solver's own clocks hold only within ours.
+    """Times (n, 5) [s] less what cannot be: a solver's own clocks hold only within ours.
 
     Build, setup and solve become NaN, so that the whole call counts,
 
@@ -242,6 +246,8 @@ def believed(times: NDArray[np.float64]) -> tuple[NDArray[np.float64], list[int]
        or more than the call;
     2. where they leave more than half of the call and more than `UNEXPLAINED` out.  That need be no
        lie: it can be an interruption by the system.
+
+    What the package's own clock says becomes NaN where it is not within the call.
 
     What an adapter hides beyond that shows in `call_time`, which tables have beside `runtime`.
     Returns these times and the positions of the impossible.
@@ -256,4 +262,7 @@ def believed(times: NDArray[np.float64]) -> tuple[NDArray[np.float64], list[int]
     cleared = times.copy()
     cleared[~(possible & explained), :3] = np.nan
     cleared[nonsense, 3] = np.nan
+    inside = times[:, 4]
+    with np.errstate(invalid="ignore"):
+        cleared[~((inside >= 0) & (inside <= call)), 4] = np.nan
     return cleared, np.flatnonzero(impossible).tolist()

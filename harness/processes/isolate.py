@@ -36,7 +36,7 @@ from pathlib import Path
 import numpy as np
 
 from harness.passes.limits import WARM_UP, Limits, Pass, Task, hard_limit
-from harness.passes.measure import DISTURBED, Outcome
+from harness.passes.measure import CLOCKS, DISTURBED, Outcome
 from harness.passes.starts import after_restart, order_of
 from harness.processes.live_process import Loss, Process, Server, ServerLost, server
 from harness.processes.sheet import Layout, Sheet
@@ -113,7 +113,7 @@ class Block:
         """A trial of a pass, which ends where it is disturbed; `again`: the second one."""
         count, order = self._layout.count, order_of(task.arm, self._layout.count)
         outcomes: dict[int, Outcome] = {}
-        times = np.full((count, 4), np.nan)
+        times = np.full((count, len(CLOCKS)), np.nan)
         lost: list[int] = []
         first, self._stood_still = 0, False
         while first < count:

@@ -38,7 +38,7 @@ ROW = np.dtype(
         ("text", f"S{TEXT}"),
         ("iterations", "i8"),
         ("work", "i8", len(COUNTS)),
-        ("times", "f8", 4),
+        ("times", "f8", 5),
     ],
     align=True,
 )
@@ -148,7 +148,7 @@ class Sheet:
         return int(np.clip(position, -1, self._layout.count - 1))
 
     def read(self) -> dict[int, tuple[Outcome, NDArray[np.float64]]]:
-        """Outcome and times (4,) of each QP that is answered, by its index."""
+        """Outcome and times (5,) of each QP that is answered, by its index."""
         self._file.seek(0)
         data = self._file.read(self._layout.bytes).ljust(self._layout.bytes, b"\0")
         rows = np.frombuffer(data, ROW, self._layout.count, HEADER)

@@ -208,7 +208,7 @@ def reproduce(
         references=recording.references,
     )
     row = judged.row(index, outcomes[index])
-    build, setup, solve, call = believed(times)[0][index]
+    build, setup, solve, call, inside = believed(times)[0][index]
     return {
         **row,
         "solver": solver,
@@ -219,6 +219,7 @@ def reproduce(
         "setup_time": setup,
         "solve_time": solve,
         "call_time": call,
+        "inside_time": inside,
         "x": outcomes[index].x,
     }
 

@@ -337,15 +337,15 @@ def test_a_sheet_gives_back_what_was_written(sheet: Sheet) -> None:
     second = Outcome("skipped", status_text="no\nimpulses", after_restart=True)
     assert sheet.position() == -1 and sheet.read() == {}
     pen.begin(0)
-    pen.end(0, first, np.arange(4.0))
+    pen.end(0, first, np.arange(5.0))
     pen.begin(2)
-    pen.end(2, second, np.full(4, np.nan))
+    pen.end(2, second, np.full(5, np.nan))
     assert sheet.position() == 2
     found = sheet.read()
     assert set(found) == {0, 2}
     outcome, times = found[0]
     np.testing.assert_array_equal(outcome.x, first.x)
-    np.testing.assert_array_equal(times, np.arange(4.0))
+    np.testing.assert_array_equal(times, np.arange(5.0))
     assert outcome.status_text == "µ" * 200
     for name in ("verdict", "found", "status", "iterations", "work", "warm_started"):
         assert getattr(outcome, name) == getattr(first, name)
@@ -364,26 +364,27 @@ def test_whatever_stands_in_a_sheet_is_outcomes(sheet: Sheet, seed: int) -> None
     sheet.path.write_bytes(content)
     assert -1 <= sheet.position() < 3
     for index, (outcome, times) in sheet.read().items():
-        assert outcome.verdict in (None, *SETTLED[1:]) and times.shape == (4,)
+        assert outcome.verdict in (None, *SETTLED[1:]) and times.shape == (5,)
         assert outcome.x is None or outcome.x.shape == (SIZES[index],)
 
 
 def test_clocks_are_believed_within_bounds() -> None:
-    honest = [1e-6, 1e-6, 5e-6, 2e-5]
+    honest = [1e-6, 1e-6, 5e-6, 2e-5, 3e-6]
     times = np.array(
         [
             honest,
-            [1e-6, -1e-6, 5e-6, 2e-5],
-            [1e-6, 1e-6, np.inf, 2e-5],
-            [1e-6, np.nan, 5e-6, 2e-5],
-            [1e-6, 0.0, 0.0, 2e-5],
-            [1e-6, 1e-6, 5e-5, 2e-5],
-            [1e-6, 1e-6, 5e-6, 1.0],
-            [0.4, 0.1, 0.1, 1.0],
-            [np.nan, np.nan, np.nan, 1.0],
-            [1e-6, 1e-6, 5e-6, -1.0],
+            [1e-6, -1e-6, 5e-6, 2e-5, 1e-6],
+            [1e-6, 1e-6, np.inf, 2e-5, 1e-6],
+            [1e-6, np.nan, 5e-6, 2e-5, 1e-6],
+            [1e-6, 0.0, 0.0, 2e-5, 1e-6],
+            [1e-6, 1e-6, 5e-5, 2e-5, 1e-6],
+            [1e-6, 1e-6, 5e-6, 1.0, 1e-6],
+            [0.4, 0.1, 0.1, 1.0, 1e-6],
+            [np.nan, np.nan, np.nan, 1.0, 1e-6],
+            [1e-6, 1e-6, 5e-6, -1.0, 1e-6],
         ]
     )
+    times[2, 4], times[3, 4], times[7, 4] = 3e-5, -1e-6, np.nan
     cleared, impossible = believed(times)
     assert impossible == [1, 2, 3, 4, 5, 9]
     believed_ones = [0, 7]
@@ -391,6 +392,7 @@ def test_clocks_are_believed_within_bounds() -> None:
     others = np.setdiff1d(np.arange(10), believed_ones)
     assert np.isnan(cleared[others, :3]).all()
     np.testing.assert_array_equal(cleared[:9, 3], times[:9, 3])
+    assert np.flatnonzero(np.isnan(cleared[:, 4])).tolist() == [2, 3, 7, 9]
     assert np.isnan(cleared[9, 3])
 
 
