@@ -75,7 +75,12 @@ from reports.sections.tables import (
     verified_table,
     warm_table,
 )
-from reports.sections.thresholds import criterion_answer, criterion_tables, thresholds
+from reports.sections.thresholds import (
+    criterion_answer,
+    criterion_tables,
+    keeper,
+    thresholds,
+)
 from reports.sections.warm_worth import change_table, split_table
 from reports.sections.work import plot_work, work_rows
 
@@ -205,7 +210,7 @@ class _Writer:
             threshold = thresholds(results).get(scene)
             entry["work"] = self.figure(
                 f"work_{scene}",
-                f"{scene}, {METHOD} warm at setting {results.headline}: events, number of "
+                f"{scene}, {keeper(results)} warm at setting {results.headline}: events, number of "
                 "multipliers, descent directions and conjugate gradient iterations along the "
                 "motion.  Ticks at the foot: factorizations."
                 + ("  Dashed: the paper's threshold √(2 C_QR/C_IT)." if threshold else ""),
