@@ -2,9 +2,9 @@
 
     min ½‖A x + d‖²,  lower ≤ x ≤ upper       as P = AᵀA, q = Aᵀd, or as the package wants it
 
-Each is a class: made once for a set of rows, with what stays the same; `arrays` makes with NumPy and
-SciPy what the package takes; `answer` sets up or updates, solves, and gives x.  Nothing is shared
-with the adapters, and nothing is asked that a user who knows his masses and forces would not know:
+Each is a class: made once for a set of rows, with what stays the same; `arrays` makes with NumPy
+and SciPy what the package takes; `answer` sets up or updates, solves, and gives x.  Nothing is
+shared with the adapters, and nothing is asked that a user who knows masses and forces would not:
 the tolerance `tol` of x, and of the gap, `gap`, is handed over.
 
 They are right for what `benchmarks/floors.py` poses (columns of length 1 or so, no fixed rows).
