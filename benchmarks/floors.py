@@ -12,8 +12,8 @@
 
 What is allowed: setup + solve up to `SOLVE` times the hand-written one; build up to `BUILD` times
 what NumPy needs for the same arrays, beside the wrapper's floor: what the adapter's build of a QP
-of one column takes beyond NumPy's.  Exit code 1 where that is exceeded; times under load are noise: run
-again alone what fails once.
+of one column takes beyond NumPy's.  Exit code 1 where that is exceeded; times under load are noise:
+run again alone what fails once.
 """
 
 from __future__ import annotations
