@@ -4,6 +4,7 @@
 # make peers   other physics engines, which it installs, and ours: reports/published/peers
 # make growth  time per QP against its size, up to 20,000 columns: results/growth, …/growth_piles
 # make bench   work counts against the committed baseline, then times as ratios
+# make floors  adapters against the shortest hand-written calls of their packages
 # make test    all tests
 # make check   those that a person runs while working: under a minute, and it says what it leaves out
 # make rounding  the numerically delicate tests once more, rounded as on another processor
@@ -18,7 +19,7 @@ INSTALLED := $(VENV)/.installed
 FRICTION := results/recordings/fig4.h5 results/recordings/fig5.h5
 SCENES := results/recordings/fig2.h5 results/recordings/fig3.h5 $(FRICTION)
 
-.PHONY: study quick publish campaigns peers growth bench test check rounding lint docs clean
+.PHONY: study quick publish campaigns peers growth bench floors test check rounding lint docs clean
 
 study: $(INSTALLED)
 	$(BIN)/glambda study
@@ -85,6 +86,9 @@ growth: $(INSTALLED)
 bench: $(INSTALLED)
 	$(BIN)/python benchmarks/work_counts.py
 	$(BIN)/python benchmarks/times.py
+
+floors: $(INSTALLED)
+	$(BIN)/python -m benchmarks.floors
 
 test: $(INSTALLED)
 	$(BIN)/python -m pytest -n auto

@@ -1,7 +1,7 @@
 """Does an adapter cost more than the package?  Each against the shortest hand-written call of it.
 
-    python benchmarks/floors.py                          all packages, k = 6 to 450
-    python benchmarks/floors.py daqp osqp --sequences tower,bodies=15 --rounds 9
+    python -m benchmarks.floors                          all packages, k = 6 to 450
+    python -m benchmarks.floors daqp osqp --sequences tower,bodies=15 --rounds 9
 
 1. The sequences are families of other sizes than those that are published; they are simulated here.
 2. Rounds: for every QP the adapter and the hand-written call (`benchmarks/hand_written.py`), one

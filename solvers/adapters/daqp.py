@@ -2,8 +2,8 @@
 
 The problem is posed in normal form, min ½ xᵀP x + qᵀx, lower ≤ x ≤ upper, with the bounds as simple
 bounds, or in any other of `programs`, by one call of `daqp.solve`.  In a sequence the working set
-of the previous solve is handed over.  (A `daqp.Model` that is kept and updated is no faster at any
-size, and twice as slow where P is definite: `update` factorizes and resets more.)
+of the previous solve is handed over.  (A `daqp.Model` that is kept and updated is a tenth faster at
+best, at 100 columns with a singular P, and takes twice as long at 80 with a definite one.)
 
 DAQP wants a definite P; where it is singular it adds proximal iterations of its own,
 x_{j+1} = argmin of the QP + ½ε‖x − x_j‖², which end at a solution of the QP itself.
