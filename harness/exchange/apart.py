@@ -65,7 +65,7 @@ def _work(extract: Callable[[BinaryIO], Arrays], file: BinaryIO, out: Path) -> N
 
     code = 1
     try:
-        begin(out.with_suffix(".words"))
+        begin(out.parent)
         resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
         room = resource.getrlimit(resource.RLIMIT_AS)[1]
         ours = int(available_memory()) + (1 << 32)  # what is mapped already is counted, too
