@@ -226,7 +226,8 @@ class Driver:
     def cut(self, h: float, places: Places) -> None:
         """Go on with a step of length h [s], which is known to be met by nothing before its end."""
         self.trial["looked"] = self.trial["cut"] = h
-        if places or self._run.near.corner is not self.system.graph.candidates.corner:
+        relisted = self._run.near.corner is not self.system.graph.candidates.corner
+        if relisted or places != (self._places or {}):
             self.prepare(self.signs, places)
         else:
             self.trial["stage"] = TRY

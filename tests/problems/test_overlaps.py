@@ -20,7 +20,7 @@ def triangles(seed):
         bodies.append(polygon_body(corners, 10.0 ** rng.uniform(-3, 0)))
     q = [[0.2 * rng.uniform(-1, 1), 0.5 + 0.9 * i, rng.uniform(0, 2 * np.pi)] for i in range(3)]
     v = np.column_stack([rng.uniform(*ends, 3) for ends in ((-0.5, 0.5), (-1, 0), (-2, 2))])
-    return Scene(bodies=tuple(bodies), q0=q, v0=v, end_time=1.2)
+    return Scene(bodies=tuple(bodies), q0=q, v0=v, eps=1e-3, end_time=1.2)
 
 
 def worst(run):

@@ -133,7 +133,16 @@ def test_corners_beyond_their_edge_are_for_the_stepper(shift):
     assert (first_end(made) == records.MEETS) == (abs(shift) > 7.5)
 
 
-def test_two_first_order_steps_after_a_restart():
+@pytest.mark.parametrize("keep", [True, False])
+def test_a_hand_over_of_a_longer_trial_is_undone_with_it(keep):
+    """Where the trial in which a corner would leave its edge is redone, and shorter, it does not."""
+    made = scene("tower", bodies=3, lean=0.1)
+    run = simulate(made, make_solver("glambda"), eps=1e-6, drop_tol=1e-3, until=0.08, keep_qps=keep)
+    assert run.t[-1] == pytest.approx(0.08)
+
+
+def test_two_first_order_steps_after_a_restart(monkeypatch):
+    monkeypatch.setattr(driver, "MOST", 1)  # a step a call
     stepper = Stepper(scene("fig2"), make_solver("glambda"), StepperOptions.of(1e-3))
     stepper.start()
     orders = []

@@ -276,7 +276,7 @@ def test_cheats_in_the_replay_are_not_verified_and_harm_nobody() -> None:
     verdicts = rows[rows["k"] > 0].groupby("solver")["verdict"].agg(set)
     assert verdicts["right"] == {"verified"}
     assert verdicts["eraser"] == {"failed"}
-    assert verdicts["rebinder"] == {"failed"}
+    assert "verified" not in verdicts["rebinder"]  # of what it was handed, which was a copy
     assert "claimed_wrong" in verdicts["returner"]
     assert verdicts["picker"] == {"verified", "skipped"}
 
