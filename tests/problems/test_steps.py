@@ -137,7 +137,7 @@ def test_corners_beyond_their_edge_are_for_the_stepper(shift):
 def test_a_hand_over_of_a_longer_trial_is_undone_with_it(keep):
     """Where the trial in which a corner would leave its edge is redone, and shorter, it does not."""
     made = scene("tower", bodies=3, lean=0.1)
-    run = simulate(made, make_solver("glambda"), eps=1e-6, drop_tol=1e-3, until=0.08, keep_qps=keep)
+    run = simulate(made, make_solver("glambda"), eps=1e-6, until=0.08, keep_qps=keep)
     assert run.t[-1] == pytest.approx(0.08)
 
 
