@@ -2,7 +2,5 @@
 
 from __future__ import annotations
 
-METHOD = "glambda"
-"""Our own method, the default everywhere."""
-PAPER = "lotstedt"
+METHOD = "lotstedt"
 """The paper's method; its variants are called `lotstedt[variant]`."""

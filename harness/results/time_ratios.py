@@ -64,7 +64,7 @@ class ComparedRun:
 
     @property
     def package(self) -> str:
-        """What it shares its code with: variants have the name of their method."""
+        """What it shares its code with: variants have the name of the method."""
         return self.solver.partition("[")[0]
 
 

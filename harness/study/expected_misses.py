@@ -17,9 +17,7 @@ import pandas as pd
 
 from problems.qp import KINDS
 
-ACCURATE_CLASS = (
-    *("glambda", "lotstedt", "velocity", "enumeration", "scipy_bvls", "daqp", "quadprog"),
-)
+ACCURATE_CLASS = ("lotstedt", "velocity", "enumeration", "scipy_bvls", "daqp", "quadprog")
 """Never to miss once, on any recording."""
 
 SCENES = ("fig2", "fig3", "fig4", "fig5")

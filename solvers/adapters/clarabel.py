@@ -20,7 +20,6 @@ import numpy as np
 
 from problems.qp import Status
 from solvers.adapters.package import Built, Native, Outcome, same_pattern
-from solvers.adapters.posed import Posed
 from solvers.adapters.programs import Program, ProgramSolver, cones
 from solvers.base import Start
 
@@ -47,16 +46,13 @@ class Clarabel(ProgramSolver):
         "AlmostDualInfeasible": Status.UNBOUNDED,
     }
 
-    def best_form(self, posed: Posed) -> str:
-        """(3.4) where A is sparse and x ≥ 0 is all that is asked."""
-        return "velocity" if posed.is_sparse and posed.one_sided else "normal"
-
     def pack(self, program: Program) -> Any:
         """P (upper triangle), q, and rows G z + s = h, see `Cones`."""
-        return program.P_upper, program.q, cones(program)
+        return program.P_upper, program.q, *cones(program)
 
-    def options(self, posed: Posed, asked: float | None) -> Any:
-        """Clarabel's settings object."""
+    def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
+        """Update the data in place where their pattern is the same; else set up afresh."""
+        posed, arrays, carried, *_ = problem
         settings = clarabel.DefaultSettings()
         settings.verbose, settings.max_iter, settings.max_threads = False, self.max_iterations, 1
         settings.presolve_enable = False  # it forbids updates
@@ -65,25 +61,18 @@ class Clarabel(ProgramSolver):
             settings.tol_gap_rel = posed.gap_share
             settings.tol_feas = posed.residual_tolerance(asked, 1e-13)
             settings.static_regularization_constant = 1e-12
-        return settings
-
-    def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
-        """Update the data in place where their pattern is the same; else set up afresh."""
-        posed, arrays, settings, carried, *_ = problem
-        P, q, rows = arrays
-        old = None if carried is None else carried.native.arrays
+        P, q, G, h, equal, _ = arrays
         if (
-            old is not None
-            and old[2].equal == rows.equal
-            and same_pattern(old[0], P)
-            and same_pattern(old[2].G, rows.G)
+            carried is not None
+            and carried.native.arrays[4] == equal
+            and all(same_pattern(carried.native.arrays[i], arrays[i]) for i in (0, 2))
         ):
-            solver = carried.native.object  # type: ignore[union-attr]
-            solver.update(P=P.data, q=q, A=rows.G.data, b=rows.h, settings=settings)
+            solver = carried.native.object
+            solver.update(P=P.data, q=q, A=G.data, b=h, settings=settings)
         else:
-            kinds = [clarabel.ZeroConeT(rows.equal)] if rows.equal else []
-            kinds.append(clarabel.NonnegativeConeT(rows.h.size - rows.equal))
-            solver = clarabel.DefaultSolver(P, q, rows.G, rows.h, kinds, settings)
+            kinds = [clarabel.ZeroConeT(equal)] if equal else []
+            kinds.append(clarabel.NonnegativeConeT(h.size - equal))
+            solver = clarabel.DefaultSolver(P, q, G, h, kinds, settings)
         return Native(posed, solver, arrays)
 
     def run(self, native: Native) -> Any:
@@ -91,10 +80,6 @@ class Clarabel(ProgramSolver):
         return native.object.solve()
 
     def outcome(self, native: Native, result: Any) -> Outcome:
-        """Clarabel's status, iterations and time."""
-        y = None
-        if native.posed.form != "normal":
-            program = self.program(native.posed)
-            y = native.arrays[-1].gathered(np.array(result.z), program.lower.size)
-        inside = result.solve_time
-        return Outcome(np.array(result.x), str(result.status), result.iterations, y, inside)
+        """Clarabel's status and iterations."""
+        y = native.arrays[-1].T @ np.array(result.z)
+        return Outcome(np.array(result.x), str(result.status), result.iterations, y)

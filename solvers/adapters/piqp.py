@@ -25,18 +25,11 @@ import scipy.sparse as sp
 
 from problems.qp import Status
 from solvers.adapters.package import Built, Native, Outcome, same_pattern
-from solvers.adapters.posed import Posed
 from solvers.adapters.programs import Program, ProgramSolver
 from solvers.base import Start
 
 NEVER = 1e-100
 """Tolerance of certificates that there is no solution; 0 is refused."""
-_SETTINGS: dict[str, Any] = {"eps_rel": 0.0, "verbose": False}
-_SETTINGS |= {
-    name: NEVER
-    for name in ("eps_primal_inf", "eps_dual_inf")
-    if hasattr(piqp.DenseSolver().settings, name)
-}
 
 
 @dataclass(frozen=True)
@@ -71,19 +64,9 @@ class PIQP(ProgramSolver):
             data["h_l"], data["h_u"] = program.lower[more], program.upper[more]
         return data
 
-    def options(self, posed: Posed, asked: float | None) -> dict[str, Any]:
-        """Iterations and tolerances."""
-        settings: dict[str, Any] = {"max_iter": self.max_iterations, "compute_timings": True}
-        if asked is not None:
-            settings["eps_duality_gap_abs"] = posed.gap_tolerance(asked, 1e-14)
-            settings["eps_abs"] = posed.residual_tolerance(asked, 1e-14)
-            settings["eps_duality_gap_rel"] = posed.gap_share
-            settings |= _SETTINGS
-        return settings
-
     def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
         """Update the data in place where their pattern is the same; else set up afresh."""
-        posed, arrays, options, carried, *_ = problem
+        posed, arrays, carried, *_ = problem
         old = {} if carried is None else carried.native.arrays
         if carried is not None and all(
             name in old and same_pattern(old[name], arrays[name])
@@ -95,8 +78,14 @@ class PIQP(ProgramSolver):
             solver = piqp.SparseSolver() if posed.is_sparse else piqp.DenseSolver()
             fill = solver.setup
         settings = solver.settings
-        for name, value in options.items():
-            setattr(settings, name, value)
+        settings.max_iter, settings.verbose = self.max_iterations, False
+        if asked is not None:
+            settings.eps_duality_gap_abs = posed.gap_tolerance(asked, 1e-14)
+            settings.eps_abs = posed.residual_tolerance(asked, 1e-14)
+            settings.eps_rel, settings.eps_duality_gap_rel = 0.0, posed.gap_share
+            for certificate in ("eps_primal_inf", "eps_dual_inf"):
+                if hasattr(settings, certificate):
+                    setattr(settings, certificate, NEVER)
         fill(**arrays)
         return Native(posed, solver, arrays)
 
@@ -105,12 +94,9 @@ class PIQP(ProgramSolver):
         return native.object.solve()
 
     def outcome(self, native: Native, result: Any) -> Outcome:
-        """PIQP's status, iterations and times."""
+        """PIQP's status and iterations."""
         says = native.object.result
-        info, program = says.info, self.program(native.posed)
-        inside = (info.update_time or info.setup_time) + info.solve_time
-        z = says.z_bu[: program.simple] - says.z_bl[: program.simple]
-        y = z
-        if native.posed.form != "normal":
-            y = program.joined(says.y, np.concatenate([z, says.z_u - says.z_l]))
-        return Outcome(np.array(says.x), result.name, info.iter, y, inside)
+        program = self.program(native.posed)
+        others = np.concatenate([(says.z_bu - says.z_bl)[: program.simple], says.z_u - says.z_l])
+        y = program.joined(says.y, others)
+        return Outcome(np.array(says.x), result.name, says.info.iter, y)

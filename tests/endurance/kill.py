@@ -39,7 +39,7 @@ from harness.study.replay import replay
 from harness.study.study import record_into
 
 SCENE, UNTIL = "tower,bodies=3", 0.05
-SOLVERS = ("glambda", "daqp", "quadprog")
+SOLVERS = ("lotstedt", "daqp", "quadprog")
 REPEATS = 2
 TIMES = ("runtime", "runtime_median", "build_time", "setup_time", "solve_time", "call_time", "pace")
 MAY_DIFFER = {"spent.json", ".lock"}

@@ -45,7 +45,7 @@ from problems import scene, simulate
 from solvers import make_solver
 
 SCENES = ("fig2", "fig3", "fig4", "fig5")
-METHOD = "glambda"
+METHOD = "lotstedt"
 
 
 def dispatched() -> str:

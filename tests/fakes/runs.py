@@ -20,13 +20,13 @@ from solvers import make_solver
 @cache
 def scene_run(name: str, **parameters: float) -> Run:
     """One of the paper's scenes, with the paper's method in the loop."""
-    return simulate(scene(name, **parameters), make_solver("glambda"))
+    return simulate(scene(name, **parameters), make_solver("lotstedt"))
 
 
 @cache
 def scene_recording(name: str) -> Recording:
     """The recording of a scene, with references."""
-    return recording_of(scene_run(name), "glambda")
+    return recording_of(scene_run(name), "lotstedt")
 
 
 @cache

@@ -1,1 +1,1 @@
-"""Algorithm 2 where A is sparse."""
+"""The method where A is sparse."""

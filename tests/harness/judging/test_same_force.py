@@ -20,7 +20,7 @@ from harness.study.verify import verify
 from solvers import describe, solver_names
 from tests.fakes.runs import scene_recording
 
-STRIDES = {**dict.fromkeys(EXPECTED, 3), "glambda": 1}
+STRIDES = {**dict.fromkeys(EXPECTED, 3), "lotstedt": 1}
 
 
 @cache

@@ -1,1 +1,0 @@
-"""QPs that other engines pose, recorded from their own motions."""

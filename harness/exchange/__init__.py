@@ -1,1 +1,0 @@
-"""QPs from elsewhere and for elsewhere: a file for each foreign format, both ways side by side."""
