@@ -51,7 +51,9 @@ Sets = Annotated[
     typer.Option("--set", metavar="NAME=VALUE", help="a parameter of the scene; may be repeated"),
 ]
 Until = Annotated[float | None, typer.Option(help="end of the motion [s]; default: the scene's")]
-Eps = Annotated[float | None, typer.Option(help="the stepper's ε; default: the scene's (0.001)")]
+Eps = Annotated[
+    float | None, typer.Option(help="the stepper's ε; default: the scene's (mostly 0.001)")
+]
 Friction = Annotated[
     Literal["corrected", "paper"], typer.Option(help="the paper's lagged friction, or corrected")
 ]

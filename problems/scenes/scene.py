@@ -56,7 +56,7 @@ class Scene(Short):
     forces : beside gravity;  impulses : external, at given times
     mu : friction coefficient;  mu_pairs : of particular pairs (body numbers from 1, 0 the ground)
     mu_I : impulse friction coefficient, of contacts with mu > 0 (§5);  gravity : [m/s²]
-    eps : ε; 0 stands for `default_eps`
+    eps : ε, by default `default_eps`
     end_time : [s];  stop_at_rest : end as soon as everything has been still for a while
     name, parameters : the function that made it and all its named parameters
 
@@ -74,7 +74,7 @@ class Scene(Short):
     mu_pairs: Mapping[tuple[int, int], float] = field(default_factory=dict)
     mu_I: float = 0.0
     gravity: float = 9.81
-    eps: float = 0.0
+    eps: float = None  # type: ignore[assignment]
     end_time: float = 1.0
     stop_at_rest: bool = False
     name: str = "scene"
@@ -95,13 +95,13 @@ class Scene(Short):
             object.__setattr__(self, name, value)
         for acting in (*self.forces, *self.impulses):
             check_body(type(acting).__name__, getattr(acting, "body", 0), n)
+        if self.eps is None:
+            object.__setattr__(self, "eps", default_eps(self.bodies))
         for name in ("mu", "mu_I", "gravity", "eps", "end_time"):
             value = getattr(self, name)
             if not np.isfinite(value) or value < 0:
                 raise ValueError(f"{name} = {value!r}; it must be a finite number, not negative")
             object.__setattr__(self, name, float(value))
-        if self.eps == 0:
-            object.__setattr__(self, "eps", default_eps(self.bodies))
         for pair, mu in self.mu_pairs.items():
             if not (np.isfinite(mu) and mu >= 0 and all(0 <= b <= n for b in pair)):
                 raise ValueError(

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from problems import describe_scene, scene, scene_names
+from problems import describe_scene, scene, scene_names, simulate
 from problems.bodies.bodies import box
 from problems.scenes import Scene
+from solvers import make_solver
 
 
 def test_the_paper_s_scenes_are_there():
@@ -40,6 +41,23 @@ def test_parameters_are_all_recorded_and_changes_make_the_label():
 def test_bad_requests_are_refused(name, parameters, words):
     with pytest.raises(ValueError, match=words):
         scene(name, **parameters)
+
+
+def test_the_default_accuracy_falls_with_the_mass_below_a_kilogram():
+    """‖δq‖_M = ε leaves a gram an error in lengths that is 30 times that of a kilogram."""
+
+    def eps_of(mass, **given):
+        bodies = (box(1.0, 1.0, mass / 4), box(1.0, 3.0, mass / 4))
+        return Scene(bodies, [[0.0, 0.5, 0.0], [2.0, 1.5, 0.0]], np.zeros((2, 3)), **given).eps
+
+    assert eps_of(1.0) == eps_of(1e6) == 1e-3
+    assert eps_of(0.01) == pytest.approx(1e-4)
+    assert eps_of(0.01, eps=2e-3) == 2e-3
+
+
+def test_an_accuracy_of_zero_is_refused_and_not_taken_for_the_default():
+    with pytest.raises(ValueError, match=r"eps = 0\.0"):
+        simulate(scene("fig3", eps=0.0), make_solver("lotstedt"), until=0.1)
 
 
 def test_friction_per_pair_with_a_default():
