@@ -4,9 +4,11 @@
 # make peers   other physics engines, which it installs, and ours: reports/published/peers
 # make growth  time per QP against its size, up to 20,000 columns: results/growth, …/growth_piles
 # make bench   work counts against the committed baseline, then times as ratios
+# make floors  adapters against the shortest hand-written calls of their packages
 # make test    all tests
 # make check   those that a person runs while working: under a minute, and it says what it leaves out
 # make rounding  the numerically delicate tests once more, rounded as on another processor
+# make docs    the documentation as a site, which it installs Sphinx for: site/index.html
 # Each makes the virtual environment .venv first if it is missing; Python 3.11 or newer is needed.
 
 PYTHON ?= python3
@@ -17,7 +19,7 @@ INSTALLED := $(VENV)/.installed
 FRICTION := results/recordings/fig4.h5 results/recordings/fig5.h5
 SCENES := results/recordings/fig2.h5 results/recordings/fig3.h5 $(FRICTION)
 
-.PHONY: study quick publish campaigns peers growth bench test check rounding lint clean
+.PHONY: study quick publish campaigns peers growth bench floors test check rounding lint docs clean
 
 study: $(INSTALLED)
 	$(BIN)/glambda study
@@ -57,13 +59,15 @@ publish: study campaigns growth
 	find reports/published -name '*.svg' -delete
 
 campaigns: study
-	$(BIN)/glambda replay $(FRICTION) --settings paper --solvers lotstedt,daqp,osqp,proxqp \
+	$(BIN)/glambda replay $(FRICTION) --settings paper --solvers glambda,daqp,osqp,proxqp \
 	  --arms exact,extrapolated,stale5,stale20,corrupted,bare,shuffled -o results
 	$(BIN)/glambda replay $(FRICTION) --settings 1e-2,1e-4,1e-6,1e-8,1e-10 --arms warm \
-	  --solvers lotstedt,clarabel,daqp,highs,osqp,piqp,proxqp,scs -o results
+	  --solvers glambda,clarabel,daqp,highs,osqp,piqp,proxqp,scs -o results
 	$(BIN)/glambda stretch results/recordings/fig5.h5 -o results/stretched
 	$(BIN)/glambda replay results/stretched/*.h5 --settings high --arms cold \
 	  --solvers forms -o results
+	$(BIN)/glambda disturb $(FRICTION) -o results/disturbed
+	$(BIN)/glambda replay results/disturbed/*.h5 --settings paper --arms cold,warm -o results
 
 peers: $(INSTALLED)
 	$(BIN)/python -m pip install --quiet -e '.[dev,peers]'
@@ -77,11 +81,14 @@ peers: $(INSTALLED)
 growth: $(INSTALLED)
 	$(BIN)/glambda growth --limit 0.2 -o results/growth
 	$(BIN)/glambda growth pyramid heap,mu=0.0 --bodies 20,225,500 --limit 0.05 \
-	  --solvers lotstedt,clarabel,daqp,osqp,piqp,proxqp -o results/growth_piles
+	  --solvers glambda,clarabel,daqp,osqp,piqp,proxqp -o results/growth_piles
 
 bench: $(INSTALLED)
 	$(BIN)/python benchmarks/work_counts.py
 	$(BIN)/python benchmarks/times.py
+
+floors: $(INSTALLED)
+	$(BIN)/python -m benchmarks.floors
 
 test: $(INSTALLED)
 	$(BIN)/python -m pytest -n auto
@@ -96,6 +103,10 @@ lint: $(INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+docs: $(INSTALLED)
+	$(BIN)/python -m pip install --quiet -e '.[dev,docs]'
+	$(BIN)/sphinx-build -W -q -b html docs site
 
 $(INSTALLED): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \

@@ -9,10 +9,10 @@ up and is not counted.  The shares are of the same run:
 
     qp        the solver's answers, and posing what it is asked
     norm      minimum-norm multipliers (4.8) beside their QPs, and whether any are needed
-    geometry  assembly: poses, constraint functions, columns, the matrix A
-    events    collisions, ends of edges, candidates, reference levels
+    steps     compiled steps: positions, constraint functions, columns, friction, what may be met
+    events    what is met, looked at; impulses; contacts that come and go
 
-"alone" is the time where QPs are not kept, so that quiet steps are left to compiled code.  The
+"alone" is the time where QPs are not kept, so that whole stretches are left to compiled code.  The
 exponent is that of n in time per step, between the least and the greatest n of a family.  The
 drift is the farthest that anything has moved in 100 steps of 1/240 s of an aligned tower with
 μ = 0.5, ε = 1e-9: from rest, and after seeded random velocities of at most 1e-6.
@@ -33,11 +33,11 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+import problems.friction.posed as posed_module
+import problems.stepping.driver as driver_module
 import problems.stepping.stepper as stepper_module
-import problems.stepping.velocity as velocity_module
 from problems import scene
-from problems.contacts.assembly import Assembly
-from problems.contacts.candidates import Candidates
+from problems.friction.posed import PosedPasses
 from problems.scenes import Scene
 from problems.sequence import QPSequence
 from problems.stepping.stepper import Stepper, StepperOptions
@@ -52,15 +52,13 @@ FAMILIES = (
 )
 STAGES = (
     ("qp", QPSequence, "solve"),
-    ("norm", velocity_module, "least_norm"),
-    ("norm", velocity_module, "surely_independent"),
-    ("geometry", Assembly, "__init__"),
-    ("geometry", Assembly, "laid_out"),
-    ("geometry", velocity_module, "scaled_matrix"),
+    ("norm", posed_module, "least_norm"),
+    ("norm", PosedPasses, "_independent"),
+    ("steps", driver_module, "run_steps"),
     ("events", stepper_module, "look_ahead"),
-    ("events", Candidates, "note_clearances"),
+    ("events", Stepper, "_see_to_step"),
 )
-SHARES = ("qp", "norm", "geometry", "events")
+SHARES = ("qp", "norm", "steps", "events")
 WARM_UP = 2
 """Steps that are not counted."""
 LIMIT = 3.0
@@ -105,7 +103,7 @@ def stages(clock: Clock) -> Iterator[None]:
 def started(start: Scene, keep_qps: bool = True, **options: Any) -> Stepper:
     eps = options.pop("eps", start.eps)
     settings = {"eps": eps, "drop_tol": eps, "rest_speed": 2 * eps} | options
-    stepper = Stepper(start, make_solver("lotstedt"), StepperOptions(**settings), keep_qps)
+    stepper = Stepper(start, make_solver("glambda"), StepperOptions(**settings), keep_qps)
     stepper.start()
     return stepper
 
@@ -113,7 +111,7 @@ def started(start: Scene, keep_qps: bool = True, **options: Any) -> Stepper:
 def time_of(start: Scene, **options: Any) -> tuple[float, int, dict[str, float]]:
     """CPU seconds per accepted step, accepted steps, and the share of each stage."""
     warm = started(start, **options)
-    while warm.counts["steps"] < WARM_UP and not warm.at_rest:
+    while warm.system.counts["steps"] < WARM_UP and not warm.at_rest:
         warm.advance(start.end_time)
     stepper, clock = started(start, **options), Clock()
     gc.collect()

@@ -1,8 +1,8 @@
 """Times of solvers against each other in one run, as ratios with their spread and nothing else.
 
-    python benchmarks/times.py                                  lotstedt against itself and others
-    python benchmarks/times.py lotstedt 'lotstedt[exact_qr]'    against a variant
-    python benchmarks/times.py lotstedt ../before:lotstedt      against another checkout's
+    python benchmarks/times.py                                glambda against itself and others
+    python benchmarks/times.py glambda lotstedt               against the paper's method
+    python benchmarks/times.py glambda ../before:glambda      against another checkout's
 
 The first contestant is the measure of the others.  Where a solver stands against itself, the ratio
 tells what the others' ratios are worth: two processes with the same code differ by up to a sixth,
@@ -42,7 +42,7 @@ SEQUENCES = (
     *("tower,bodies=20", "wall,bodies=12,mu=0.3", "tower,bodies=100", "wall,bodies=100"),
 )
 PEERS = ("daqp", "quadprog", "proxqp", "piqp", "highs", "clarabel", "scipy_bvls")
-"""Who stands against `lotstedt`, and against it once more, where nobody is named."""
+"""Who stands against `glambda`, and against it once more, where nobody is named."""
 PARTS = ("data", "indices", "indptr")
 FIELDS = ("d", "lower", "upper", "row_id", "kind", "restart", "eps0")
 
@@ -212,7 +212,7 @@ def _installed() -> list[str]:
     from solvers import available_solvers
 
     there = available_solvers()
-    return ["lotstedt", "lotstedt", *(name for name in PEERS if name in there)]
+    return ["glambda", "glambda", *(name for name in PEERS if name in there)]
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
     import glambda
 
-    run = glambda.simulate("fig4")                             # by the paper's method
+    run = glambda.simulate("fig4")                             # by our own QP method
     recording = glambda.record("fig4", until=1.0)              # every QP, with its reference
     solver = glambda.make_solver("daqp", accuracy=1e-9)
     verdict = glambda.judge(recording.qps[0], solver.solve(recording.qps[0]).x)
@@ -16,10 +16,21 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from glambda.by_name import load_results as load_results
     from glambda.by_name import record as record
     from glambda.by_name import simulate as simulate
+    from glambda.pictures import Picture as Picture
+    from glambda.pictures import plot_accuracy as plot_accuracy
+    from glambda.pictures import plot_cost as plot_cost
+    from glambda.pictures import plot_motion as plot_motion
+    from glambda.pictures import plot_outside as plot_outside
+    from glambda.pictures import plot_profiles as plot_profiles
+    from harness.exchange.certificates import certify as certify
+    from harness.exchange.exporting import export as export
+    from harness.exchange.importing import import_files as import_files
     from harness.judging.judge import Judgement as Judgement
     from harness.judging.judge import judge as judge
+    from harness.recordings.of_qps import recording_from as recording_from
     from harness.recordings.recording import Recording as Recording
     from harness.recordings.recording import read_recording as read_recording
     from harness.recordings.recording import write_recording as write_recording
@@ -50,8 +61,13 @@ if TYPE_CHECKING:
     from solvers.registry import solver_names as solver_names
 
 HOMES = {
-    "glambda.by_name": "record simulate",
+    "glambda.by_name": "load_results record simulate",
+    "glambda.pictures": "Picture plot_accuracy plot_cost plot_motion plot_outside plot_profiles",
+    "harness.exchange.certificates": "certify",
+    "harness.exchange.exporting": "export",
+    "harness.exchange.importing": "import_files",
     "harness.judging.judge": "Judgement judge",
+    "harness.recordings.of_qps": "recording_from",
     "harness.recordings.recording": "Recording read_recording write_recording",
     "harness.study.replay": "replay",
     "problems.bodies.bodies": "Body box polygon_body",

@@ -1,8 +1,9 @@
-"""Simulate and record as a user writes it: scenes and solvers by name, the solver left out."""
+"""What a user writes: scenes, models and solvers by name, the solver left out; rows by folder."""
 
 from __future__ import annotations
 
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import harness
 import problems
@@ -10,8 +11,14 @@ from harness.names import METHOD
 from harness.recordings.recording import Recording
 from problems.scenes import Scene, scene
 from problems.stepping.run import Run
+from reports.rows.results import load_results as read_rows
 from solvers.base import Solver
 from solvers.registry import make_solver
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+ENGINE = "mujoco:"
 
 
 def simulate(motion: Scene | str, solver: Solver | str = METHOD, **options: Any) -> Run:
@@ -28,9 +35,26 @@ def simulate(motion: Scene | str, solver: Solver | str = METHOD, **options: Any)
 def record(motion: Scene | str, solver: Solver | str = METHOD, **options: Any) -> Recording:
     """The recording of such a simulation: every QP of it, with a reference answer.
 
-    options : those of `harness.record`.  Raises what `simulate` does.
+    motion : or "mujoco:NAME", a model of ours or the path of an MJCF file, whose QPs MuJoCo poses
+        (`harness.engines.mujoco`); no solver is asked then
+    options : those of `harness.record`, or of `record_mujoco`.  Raises what `simulate` does.
     """
+    if isinstance(motion, str) and motion.startswith(ENGINE):
+        from harness.engines.mujoco import record_mujoco
+
+        return record_mujoco(motion.removeprefix(ENGINE), **options)
     return harness.record(_scene(motion), _solver(solver), **options)
+
+
+def load_results(folder: str | Path) -> pd.DataFrame:
+    """All rows of a results folder: `harness.results.store.COLUMNS`, and `verified` and `charged`.
+
+    Raises ValueError where the folder holds none, or such as must not stand in one table.
+    """
+    rows = read_rows(folder).everything
+    if rows.empty:
+        raise ValueError(f"{folder}: holds no solves; give a folder that a replay has written")
+    return rows
 
 
 def _scene(motion: Scene | str) -> Scene:

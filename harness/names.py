@@ -2,5 +2,12 @@
 
 from __future__ import annotations
 
-METHOD = "lotstedt"
+METHOD = "glambda"
+"""Our own method, the default everywhere."""
+PAPER = "lotstedt"
 """The paper's method; its variants are called `lotstedt[variant]`."""
+
+
+def is_own(name: str) -> bool:
+    """Whether `name` is our method, the paper's or a variant: those whose work is counted."""
+    return name.partition("[")[0] in (METHOD, PAPER)

@@ -20,6 +20,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
+from math import nan
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -38,7 +39,8 @@ the friction correction; an impulse (2.14); the minimum-norm multipliers (4.8)."
 
 FEATURE_FIELDS = ("corner_body", "corner", "edge_body", "edge", "direction")
 """Columns of `ContactQP.feature`.  A body of −1 is the ground (or none).  `direction` is 0 for a
-normal, 1 for a tangent, 2, 3, … for the generators of a friction impulse."""
+normal, 1 for a tangent, 2, 3, … for the generators of a friction impulse; −1 where the row is no
+contact of rigid bodies, or nobody has said what it is."""
 
 NORMAL, TANGENT = 0, 1
 """The `direction` of rows of their own; generators of an impulse follow."""
@@ -260,7 +262,7 @@ class Status(Enum):
 
 @dataclass(frozen=True)
 class WorkCounts:
-    """Exact, deterministic counts of the work of one solve by the paper's method."""
+    """Exact, deterministic counts of the work of one solve by algorithm 2."""
 
     descent_directions: int = 0
     working_set_changes: int = 0
@@ -272,11 +274,16 @@ class WorkCounts:
 
 @dataclass(frozen=True)
 class Timing:
-    """Seconds spent building the package's form, setting it up or updating it, and solving."""
+    """Seconds spent building the package's form, setting it up or updating it, and solving.
+
+    inside : what the package's own clock says of setup and solve, NaN where it has none; of a
+        method of ours, `solve`
+    """
 
     build: float = 0.0
     setup: float = 0.0
     solve: float = 0.0
+    inside: float = nan
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -330,9 +337,11 @@ class Solution(Short):
 def working_set_of(qp: ContactQP, x: ArrayLike, tolerance: float = 0.0) -> NDArray[np.int8]:
     """Working set read off x: at a bound within `tolerance`, else free.  (k,) int8."""
     x = np.asarray(x, float)
-    members = np.full(qp.k, FREE, dtype=np.int8)
-    members[x >= qp.upper - tolerance] = AT_UPPER
-    members[x <= qp.lower + tolerance] = AT_LOWER
+    if tolerance:
+        low, high = x <= qp.lower + tolerance, x >= qp.upper - tolerance
+    else:
+        low, high = x <= qp.lower, x >= qp.upper
+    members: NDArray[np.int8] = (high > low).view(np.int8) - low.view(np.int8)
     return members
 
 

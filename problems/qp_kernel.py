@@ -17,11 +17,13 @@ handed to them, at some 10 ns a call.  A solver that has one offers the three fu
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
+import numpy as np
 from numba import types
 
 from problems.kernels.compiled import kernel
+from problems.kernels.numba_internals import function_at
 from problems.qp import Indices, Solution, Vector
 
 X = 0
@@ -37,11 +39,15 @@ SIGNATURE = types.boolean(
     *(_floats, _ints, types.float64, types.int64),
 )
 
+method_at = function_at(SIGNATURE)
+"""`solve` itself, from its address, which kernels are handed."""
+
 
 class CompiledMethod(NamedTuple):
-    """A QP method: `solve` made with `problems.kernels.compiled.function_of`, and its mode."""
+    """A QP method: the address of its `solve`, made by `kernels.compiled.function_decorator`, and
+    its mode."""
 
-    solve: Any
+    solve: int
     mode: int
 
 
@@ -71,3 +77,7 @@ class CompiledSolver(Protocol):
 def room_size(m, k):
     """n of a room for m rows and k columns."""
     return (max(m, k) + LANES - 1) // LANES * LANES
+
+
+NO_METHOD = 0, np.zeros((1, 1)), np.zeros((1, 1), np.int64), 0.0, 0
+"""solve, S, I, eps0 and mode where there is none, and QPs are asked for."""

@@ -1,4 +1,4 @@
-"""QP → Solution: the paper's method and off-the-shelf backends behind one interface."""
+"""QP → Solution: the paper's method, our own and off-the-shelf backends behind one interface."""
 
 from solvers.base import Solver, Unsupported
 from solvers.registry import available_solvers, describe, make_solver, solver_names

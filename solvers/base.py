@@ -17,6 +17,7 @@ from __future__ import annotations
 import abc
 import time
 from dataclasses import dataclass
+from math import nan
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -61,7 +62,10 @@ class Start(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """What `read` makes of a package's result."""
+    """What `read` makes of a package's result.
+
+    inside : [s] what the package's own clock says of setup and solve, NaN where it has none
+    """
 
     x: Vector | None
     status: Status
@@ -70,6 +74,7 @@ class Answer(NamedTuple):
     working_set: NDArray[np.int8] | None = None
     work: WorkCounts | None = None
     memory: Any = None
+    inside: float = nan
 
 
 def usable(start: Solution | None) -> Solution | None:
@@ -79,18 +84,23 @@ def usable(start: Solution | None) -> Solution | None:
     return start
 
 
-def carry_over(start: Solution, qp: ContactQP) -> Start:
-    """Map an earlier solution, which has an x, onto the rows of `qp` by `row_id`."""
-    assert start.x is not None
-    previous = positions_of(qp.row_id, start.row_id)
-    known = previous >= 0
-    x = np.zeros(qp.k)
-    x[known] = start.x[previous[known]]
-    members = np.full(qp.k, FREE, dtype=np.int8)
-    members[known] = start.working_set[previous[known]]
-    members[(members == AT_LOWER) & ~np.isfinite(qp.lower)] = FREE
-    members[(members == AT_UPPER) & ~np.isfinite(qp.upper)] = FREE
-    return Start(np.clip(x, qp.lower, qp.upper), members, previous, start.memory)
+def carry_over(start: Start, qp: ContactQP) -> Start:
+    """Map a start whose rows are as they were onto the rows of `qp` by `row_id`."""
+    x, members, before = start.x, start.working_set, start.previous
+    if before is not qp.row_id and before.tobytes() != qp.row_id.tobytes():
+        before = positions_of(qp.row_id, before)
+        known = before >= 0
+        x, members = np.zeros(qp.k), np.full(qp.k, FREE, dtype=np.int8)
+        x[known] = start.x[before[known]]
+        members[known] = start.working_set[before[known]]
+    else:
+        before = np.arange(qp.k)
+    gone = ((members == AT_LOWER) & (qp.lower == -np.inf)) | (
+        (members == AT_UPPER) & (qp.upper == np.inf)
+    )
+    if np.count_nonzero(gone):
+        members = np.where(gone, FREE, members).astype(np.int8)
+    return Start(np.minimum(np.maximum(x, qp.lower), qp.upper), members, before, start.memory)
 
 
 @dataclass(frozen=True)
@@ -167,11 +177,11 @@ class Solver(abc.ABC):
         """
         start = usable(start)
         warm: Start | None = None
-        if start is not None and self.maps_rows:
+        if start is not None:
             assert start.x is not None
             warm = Start(start.x, start.working_set, start.row_id, start.memory)
-        elif start is not None:
-            warm = carry_over(start, qp)
+            if not self.maps_rows:
+                warm = carry_over(warm, qp)
         clock, asked = time.perf_counter, self.asked(qp)
         t0 = clock()
         problem = self.build(qp, warm)
@@ -197,6 +207,6 @@ class Solver(abc.ABC):
             iterations=int(answer.iterations),
             status_text=answer.status_text,
             work=answer.work,
-            timing=Timing(build=t1 - t0, setup=t2 - t1, solve=t3 - t2),
+            timing=Timing(t1 - t0, t2 - t1, t3 - t2, answer.inside if self.package else t3 - t2),
             memory=answer.memory,
         )

@@ -17,11 +17,13 @@ from problems.registry import load, unknown, with_plug_ins
 from solvers.base import Solver
 
 BUILT_IN = {
-    "lotstedt": "solvers.active_set.method:Lotstedt",
+    "glambda": "solvers.active_set.glambda:Glambda",
+    "lotstedt": "solvers.active_set.lotstedt:Lotstedt",
     "velocity": "solvers.baselines.velocity:Velocity",
     "enumeration": "solvers.baselines.enumeration:Enumeration",
     "pgs": "solvers.baselines.pgs:ProjectedGaussSeidel",
     "scipy_bvls": "solvers.adapters.scipy_bvls:ScipyBVLS",
+    "scipy_nnls": "solvers.adapters.scipy_nnls:ScipyNNLS",
     "osqp": "solvers.adapters.osqp:OSQP",
     "proxqp": "solvers.adapters.proxqp:ProxQP",
     "clarabel": "solvers.adapters.clarabel:Clarabel",
@@ -30,6 +32,9 @@ BUILT_IN = {
     "piqp": "solvers.adapters.piqp:PIQP",
     "highs": "solvers.adapters.highs:HiGHS",
     "scs": "solvers.adapters.scs:SCS",
+    "qpoases": "solvers.adapters.casadi:QpOASES",
+    "qrqp": "solvers.adapters.casadi:Qrqp",
+    "nncg": "solvers.adapters.nncg:NNCG",
     "cvxpy": "solvers.adapters.cvxpy:CVXPY",
     "qpsolvers": "solvers.adapters.qpsolvers:QPSolvers",
 }

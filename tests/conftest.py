@@ -23,23 +23,25 @@ settings.load_profile("same")
 SLOW = {
     "they start, kill and wait for processes": (
         "test_cheats test_cli test_closed_loop test_cluster test_disturbances test_isolation "
-        "test_kill test_plugins test_readme test_replay test_starts test_store test_streams"
+        "test_kill test_notebook test_own_data test_plugins test_readme test_replay test_starts "
+        "test_store test_streams"
     ),
     "they simulate for long": (
-        "test_benchmarks test_campaigns test_convergence test_criterion test_estimates "
-        "test_families test_growth test_heaps test_kept_factors test_minimum_norm_ways "
-        "test_motion_error test_painleve test_peers test_stability"
+        "test_benchmarks test_campaigns test_convergence test_criterion test_docs test_estimates "
+        "test_exporting test_families test_growth test_heaps test_kept_factors "
+        "test_minimum_norm_ways test_motion_error test_mujoco test_painleve test_peers "
+        "test_stability"
     ),
     "they try thousands of problems or files": (
         "test_adapters test_certificates test_fuzz test_method_properties test_programs "
-        "test_proof test_same_force test_sparse_reference"
+        "test_importing test_proof test_same_force test_sparse_reference"
     ),
-    "they draw": "test_page_figures test_reports",
+    "they draw": "test_outside test_page_figures test_reports",
 }
 """Reason → modules."""
 ROUNDING = (
     "test_active_set test_coulomb_lcp test_cycling_examples test_friction test_judge "
-    "test_minimum_norm test_newton_coulomb test_proof test_quiet_steps test_same_force "
+    "test_minimum_norm test_newton_coulomb test_proof test_same_force test_steps "
     "test_sparse_path test_stepper"
 )
 ROUNDING_SCENE = "fig4"

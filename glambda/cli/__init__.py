@@ -7,10 +7,8 @@ remedy.  GLAMBDA_DEBUG=1 shows the traceback instead.
 
 from __future__ import annotations
 
-import signal
-
 from glambda.cli.app import app
-from glambda.cli.streams import guard_streams
+from glambda.cli.streams import guard_streams, heed_interrupts
 from harness.machine.threads import ask_for_one_thread
 
 # isort: off
@@ -19,6 +17,8 @@ from glambda.cli import listing  # noqa: F401
 from glambda.cli import simulation  # noqa: F401
 from glambda.cli import replays  # noqa: F401
 from glambda.cli import stretching  # noqa: F401
+from glambda.cli import disturbing  # noqa: F401
+from glambda.cli import exchange  # noqa: F401
 from glambda.cli import campaigns  # noqa: F401
 from glambda.cli import convergence  # noqa: F401
 from glambda.cli import painleve  # noqa: F401
@@ -27,6 +27,8 @@ from glambda.cli import peers  # noqa: F401
 from glambda.cli import studies  # noqa: F401
 from glambda.cli import compare  # noqa: F401
 from glambda.cli import check  # noqa: F401
+from glambda.cli import new  # noqa: F401
+from glambda.cli import doctor  # noqa: F401
 # isort: on
 
 
@@ -34,5 +36,5 @@ def main() -> None:
     """Entry point of the command `glambda`."""
     ask_for_one_thread()
     guard_streams()
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends a study as Ctrl-C does
+    heed_interrupts()
     app()

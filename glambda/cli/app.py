@@ -21,7 +21,7 @@ glambda simulate fig4 --plot fig4.png
 
 glambda record fig4 -o recordings
 
-glambda replay recordings/fig4.h5 --solvers lotstedt,daqp -o results
+glambda replay recordings/fig4.h5 --solvers glambda,daqp -o results
 
 glambda report results -o report
 
@@ -41,7 +41,7 @@ RESUMED = (
     *("closed_loop", "peers", "study"),
 )
 """Commands that continue from their results folder, where they were given one, after Ctrl-C."""
-WRITES_EACH = ("record", "stretch")
+WRITES_EACH = ("record", "stretch", "disturb", "import_")
 """Commands that have written some of their files by then, and begin anew."""
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -51,9 +51,7 @@ Sets = Annotated[
     typer.Option("--set", metavar="NAME=VALUE", help="a parameter of the scene; may be repeated"),
 ]
 Until = Annotated[float | None, typer.Option(help="end of the motion [s]; default: the scene's")]
-Eps = Annotated[
-    float | None, typer.Option(help="the stepper's ε; default: the scene's (mostly 0.001)")
-]
+Eps = Annotated[float | None, typer.Option(help="the stepper's ε; default: the scene's (0.001)")]
 Friction = Annotated[
     Literal["corrected", "paper"], typer.Option(help="the paper's lagged friction, or corrected")
 ]
@@ -81,7 +79,7 @@ DriftTime = Annotated[
 Solvers = Annotated[
     str,
     typer.Option(
-        help="names with commas between, such as lotstedt,lotstedt[exact_qr],daqp; "
+        help="names with commas between, such as glambda,lotstedt[deferred],daqp; "
         "all: every backend that is installed; forms: the packages in each form that they take"
     ),
 ]
@@ -165,17 +163,17 @@ def split_names(text: str, default: list[str]) -> list[str]:
 
 def chosen_solvers(text: str) -> list[str]:
     """Solvers by name; absent ones are told by name where all are meant."""
-    from solvers import describe, make_solver
-    from solvers.registry import form_variants, solver_names
+    from harness.processes.introduction import about, described, form_variants
+    from solvers.registry import solver_names
 
     if text.strip() != "all":
         chosen: dict[str, None] = {}
         for name in split_names(text, []):
             chosen.update(dict.fromkeys(form_variants() if name == "forms" else [name]))
         for name in chosen:
-            make_solver(name)  # raises for an unknown one
+            about(name)  # raises for an unknown one
         return list(chosen)
-    known = [describe(name) for name in solver_names()]
+    known = [described(name) for name in solver_names()]
     for info in known:
         if not info.available:
             say(f"skipped: {info.name} is not installed ({info.reason})", err=True)

@@ -1,4 +1,4 @@
-"""`glambda criterion | growth | stability`: the paper's methods under the lens."""
+"""`glambda criterion | growth | stability`: the methods under the lens."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def stability(
     from solvers import make_solver
 
     with shown("stability", terminal(err=True)) as tell:
-        rows = measure(stability_claims(make_solver("lotstedt")), output, tell)
+        rows = measure(stability_claims(make_solver("glambda")), output, tell)
     page = write_stability(rows["runs"], rows["corners"], output)
     print_tables(terminal(), [runs_table(rows["runs"])])
     say(str(page))

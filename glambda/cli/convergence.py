@@ -36,7 +36,7 @@ def convergence(
     from solvers import make_solver
 
     with shown("convergence", terminal(err=True)) as tell:
-        claims = convergence_claims(scenes or SCENES, make_solver("lotstedt"))
+        claims = convergence_claims(scenes or SCENES, make_solver("glambda"))
         measured = Converged(**measure(claims, output, tell))
     page = write_convergence(measured, output)
     print_tables(terminal(), convergence_tables(measured))

@@ -23,17 +23,31 @@ def scenes() -> None:
 
 @app.command()
 @told
-def solvers() -> None:
+def solvers(
+    name: Annotated[str, typer.Argument(metavar="[NAME]", help="one of them")] = "",
+    protocol: Annotated[
+        bool, typer.Option(help="how NAME is called and with which settings, in Markdown")
+    ] = False,
+) -> None:
     """List the backends: version, form, warm start, or why one is absent.
 
     The form says what a package is fed: "normal" is P = AᵀA, which squares the condition;
     "residual" keeps y = A x + d as rows. Starred ones are held to miss no A x at all.
+
+    Example:  glambda solvers daqp --protocol > daqp.md
     """
     from glambda.display import solvers_table
-    from solvers import describe
+    from harness.processes.introduction import described
     from solvers.registry import solver_names
 
-    known = [describe(name) for name in solver_names()]
+    if protocol:
+        from solvers.protocol import protocol as page_of
+
+        if not name:
+            raise ValueError("--protocol is of one solver; give its name")
+        typer.echo(page_of(name), nl=False)
+        return
+    known = [described(each) for each in ([name] if name else solver_names())]
     terminal().print(solvers_table(known))
     for info in known:
         if not info.available:

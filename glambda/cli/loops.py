@@ -43,7 +43,7 @@ def closed_loop(
     with exact QPs at the same ε. Writes closed_loop.md with tables and figures. A folder that holds
     some of it already is continued.
 
-    Example:  glambda closed-loop fig4 --solvers lotstedt,clarabel,osqp --settings paper,1e-3
+    Example:  glambda closed-loop fig4 --solvers glambda,clarabel,osqp --settings paper,1e-3
     """
     from harness.motions.closed_loop import LoopPlan, close_loops
     from harness.progress import shown

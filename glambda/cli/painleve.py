@@ -31,7 +31,7 @@ def painleve(
     from solvers import make_solver
 
     with shown("painleve", terminal(err=True)) as tell:
-        measured = Painleve(**measure(painleve_claims(make_solver("lotstedt")), output, tell))
+        measured = Painleve(**measure(painleve_claims(make_solver("glambda")), output, tell))
     page = write_painleve(measured, output)
     print_tables(terminal(), painleve_tables(measured))
     say(str(page))

@@ -60,7 +60,7 @@ def replay(
     arms differ in the quality of what they start from. A folder that holds some of it already is
     continued.
 
-    Example:  glambda replay recordings/*.h5 --solvers lotstedt,daqp,osqp -o results
+    Example:  glambda replay recordings/*.h5 --solvers glambda,daqp,osqp -o results
 
     One row again:  glambda replay recordings/fig4.h5 --solvers osqp --settings high --qp 17
     """
@@ -74,9 +74,8 @@ def replay(
 
     names = chosen_solvers(solvers)
     chosen, runs = split_names(settings, list(SETTINGS)), split_names(arms, list(EVERY_ARM))
-    recordings = [read_recording(path) for path in files]
     if qp is not None:
-        for recording in recordings:
+        for recording in map(read_recording, files):
             for name in names:
                 for setting in chosen:
                     for arm in runs:
@@ -85,7 +84,7 @@ def replay(
         return
     with shown("replay", terminal(err=True)) as tell:
         rows = replay_all(
-            recordings,
+            files,
             names,
             chosen,
             runs,
@@ -96,20 +95,25 @@ def replay(
             progress=tell,
         )
     terminal().print(replay_table(rows))
-    told_if_disturbed(rows)
+    told_if_no_result(rows)
 
 
-def told_if_disturbed(rows: pd.DataFrame) -> None:
+def told_if_no_result(rows: pd.DataFrame) -> None:
     """Exit 1 with the runs that are no result of a solver, and why."""
+    from harness.processes.introduction import NO_IMPORT
     from harness.results.store import is_disturbed
 
+    broken = rows[rows["status_text"].str.startswith(NO_IMPORT)]
+    for solver, text in broken.groupby("solver")["status_text"].first().items():
+        typer.echo(f"{solver}: {text}", err=True)
     disturbed = rows[[is_disturbed(row) for row in rows[["status_text"]].to_dict("records")]]
-    if disturbed.empty:
-        return
     for (solver, scene), part in disturbed.groupby(["solver", "scene"]):
         typer.echo(f"{solver} on {scene}: {part['status_text'].iloc[0]}", err=True)
-    typer.echo(f"{len(disturbed)} QPs were disturbed; the same command tries them again", err=True)
-    raise typer.Exit(1)
+    if len(disturbed):
+        text = f"{len(disturbed)} QPs were disturbed; the same command tries them again"
+        typer.echo(text, err=True)
+    if len(disturbed) or len(broken):
+        raise typer.Exit(1)
 
 
 @app.command()
@@ -128,9 +132,9 @@ def verify(
 ) -> None:
     """Does every backend reproduce the same Gλ? Exit 1 and a table if not.
 
-    lotstedt, velocity, enumeration, scipy_bvls, daqp and quadprog must not miss once. The others
-    are held to a table of expected misses, each with its reason: exit 1 where there are more, or
-    larger ones, or on other QPs.
+    glambda, lotstedt, velocity, enumeration, scipy_bvls, daqp and quadprog must not miss once. The
+    others are held to a table of expected misses, each with its reason: exit 1 where there are
+    more, or larger ones, or on other QPs.
     """
     import tempfile
 

@@ -77,7 +77,7 @@ def runs_scenes(command: Callable[..., Any]) -> Callable[..., Any]:
 def simulate(
     how: dict[str, Any],
     scene: Annotated[str, typer.Argument(help="a scene, see 'glambda scenes'")],
-    solver: Annotated[str, typer.Option(help="drives the simulation")] = "lotstedt",
+    solver: Annotated[str, typer.Option(help="drives the simulation")] = "glambda",
     settings: Sets = None,
     trajectory: Annotated[
         Path | None, typer.Option(metavar="F.csv", help="positions; events to F.events.csv")
@@ -152,7 +152,11 @@ def _write(run: Run, table: Path | None, picture: Path | None, film: Path | None
 def record(
     how: dict[str, Any],
     scene: Annotated[
-        list[str] | None, typer.Argument(metavar="[SCENE...]", help="default: the paper's four")
+        list[str] | None,
+        typer.Argument(
+            metavar="[SCENE...]",
+            help="default: the paper's four; or mujoco:NAME, a model of ours or an .xml of yours",
+        ),
     ] = None,
     settings: Sets = None,
     overwrite: Annotated[
@@ -160,16 +164,32 @@ def record(
     ] = False,
     output: Annotated[Path, typer.Option("-o", "--output", help="folder")] = Path("recordings"),
 ) -> None:
-    """Simulate scenes by the paper's method and keep every QP, with a reference answer.
+    """Simulate scenes and keep every QP, with a reference answer.
 
     One HDF5 file each, named by the scene and what differs from its defaults; the same command
     makes the same bytes on one type of processor. A recording of the scene with other QPs (another
     --until or --eps, other code) is not replaced unless told so.
 
+    Of an MJCF model, MuJoCo steps it and its own QPs are kept, with its own forces as answers
+    (extra [mujoco]). mujoco:NAME,rigid=true keeps the same without what makes contacts soft.
+
     Example:  glambda record fig4 --set mu_I=0.8 -o recordings
+
+    Example:  glambda record mujoco:arm mujoco:walker --until 5 -o recordings
     """
-    for made, path in recorded(scene, settings, how, output, overwrite):
-        typer.echo(f"{path}: {len(made.qps)} QPs, digest {made.digest[:12]}…")
+    from glambda.cli.engines import PREFIX, recorded_models
+
+    models = [label for label in scene or [] if label.startswith(PREFIX)]
+    scenes = [label for label in scene or [] if label not in models]
+    if models:
+        strange = [name for name in how if name != "until" and how[name] != RUN_OPTIONS[name][1]]
+        if strange:
+            raise ValueError(f"--{strange[0].replace('_', '-')} is not for {models[0]}; "
+                             "an MJCF model says itself how it is stepped")  # fmt: skip
+        recorded_models(models, settings, how["until"], output, overwrite)
+    if scenes or not models:
+        for made, path in recorded(scenes, settings, how, output, overwrite):
+            typer.echo(f"{path}: {len(made.qps)} QPs, digest {made.digest[:12]}…")
 
 
 def recorded(
@@ -180,7 +200,6 @@ def recorded(
     overwrite: bool = False,
 ) -> list[tuple[Recording, Path]]:
     from harness.progress import shown
-    from harness.recordings.recording import write_recording
     from harness.study.kept_recording import first_difference, how_run, kept_recording
     from harness.study.record import record as record_scene
     from harness.study.record import recording_label
@@ -205,11 +224,18 @@ def recorded(
     for each, path, before in zip(made, paths, kept, strict=True):
         with shown(f"record {each.label}", terminal(err=True)) as tell:
             recording = record_scene(each, **options, progress=tell)
-        if before is not None and before.digest != recording.digest:
-            raise _taken(path, "digest", before.digest[:12], recording.digest[:12])
-        write_recording(path, recording)
+        write_new(path, recording, before)
         done.append((recording, path))
     return done
+
+
+def write_new(path: Path, made: Recording, before: Recording | None) -> None:
+    """Write a recording where none or the same is; before : what is there and to be kept."""
+    from harness.recordings.recording import write_recording
+
+    if before is not None and before.digest != made.digest:
+        raise _taken(path, "digest", before.digest[:12], made.digest[:12])
+    write_recording(path, made)
 
 
 def _taken(path: Path, name: str, before: object, now: object) -> ValueError:

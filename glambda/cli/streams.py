@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import io
 import os
+import signal
 import sys
+import threading
 from typing import Any
 
 import typer
 
 from harness.files.printable import printable
+
+SOON = 0.1
+"""[s] after which a lost interrupt comes once more."""
 
 
 class _Forgiving(io.FileIO):
@@ -50,3 +55,21 @@ def guard_streams() -> None:
 def say(text: str = "", err: bool = False) -> None:
     """Print a line as it is, however long."""
     typer.echo(printable(text), err=err)
+
+
+def heed_interrupts() -> None:
+    """Let SIGTERM and SIGHUP end a command as Ctrl-C does, and no interrupt be lost that comes in a
+    callback of the garbage collector, which passes nothing on: it comes once more."""
+    for name in ("SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.default_int_handler)
+    told = sys.unraisablehook
+
+    def once_more(event: Any) -> None:
+        if isinstance(event.exc_value, KeyboardInterrupt) and hasattr(signal, "pthread_kill"):
+            main = threading.main_thread().ident or 0
+            threading.Timer(SOON, signal.pthread_kill, (main, signal.SIGINT)).start()
+        else:
+            told(event)
+
+    sys.unraisablehook = once_more

@@ -32,6 +32,7 @@ import numpy as np
 import pandas as pd
 import scipy.sparse as sp
 
+from harness.processes.introduction import about, available
 from harness.progress import Progress
 from harness.recordings.recording import Recording
 from harness.study.kept_recording import how_run, recording_in
@@ -41,16 +42,15 @@ from problems import ContactQP, simulate
 from problems import scene as make_scene
 from problems.qp import Matrix
 from problems.scenes.labels import parse_label
-from solvers import available_solvers, make_solver
+from solvers import make_solver
 from solvers.active_set.method import CROSSOVER
-from solvers.registry import solver_class
 
 FAMILIES = ("tower", "wall")
 BODIES = (5, 10, 20, 50, 110, 225, 500, 1000, 2000, 5000)
 MORE_BODIES = {"tower": (10_000,)}
 """Sizes beyond `BODIES` of a family that has few columns per body."""
 SOLVERS = (
-    *("lotstedt", "clarabel", "daqp", "highs", "osqp", "piqp", "proxqp"),
+    *("glambda", "clarabel", "daqp", "highs", "osqp", "piqp", "proxqp"),
     *("quadprog", "scipy_bvls", "scs", "pgs"),
 )
 """Who is tried where nobody is named, if it is installed."""
@@ -108,7 +108,7 @@ class Plan:
         if not self.limit > 0:
             raise ValueError(f"limit = {self.limit}; give a positive number of seconds")
         for solver in self.solvers:
-            make_solver(solver)
+            about(solver)  # raises for an unknown one
 
     def sizes(self, family: str) -> list[int]:
         """Numbers of bodies, ascending."""
@@ -117,7 +117,7 @@ class Plan:
 
     def named_solvers(self) -> tuple[str, ...]:
         """The solvers, written out."""
-        there = available_solvers()
+        there = available()
         return self.solvers or tuple(name for name in SOLVERS if name in there)
 
 
@@ -128,9 +128,9 @@ def sequence(folder: Path, family: str, bodies: int, progress: Progress | None =
     how: dict[str, Any] = {"until": STEPS * STEP, "fixed_step": STEP}
 
     def make() -> Recording:
-        run = simulate(scene, make_solver("lotstedt"), **how)
+        run = simulate(scene, make_solver("glambda"), **how)
         run = replace(run, qps=[_stored(qp) for qp in run.qps])
-        return recording_of(run, "lotstedt", until=how["until"], progress=progress)
+        return recording_of(run, "glambda", until=how["until"], progress=progress)
 
     return recording_in(folder / "recordings", scene, how_run(scene, **how), make)
 
@@ -241,7 +241,7 @@ def _replayed(
     """Rows of the replay of this recording, each solver in its best arm."""
     parts = []
     for arm in ("warm", "cold"):
-        named = [s for s in solvers if (solver_class(s).warm_start == "none") == (arm == "cold")]
+        named = [s for s in solvers if ("warm" not in about(s).arms) == (arm == "cold")]
         if named:
             found = replay(
                 recording,

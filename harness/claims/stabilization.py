@@ -2,8 +2,8 @@
 
 The same scenes as in `harness.claims.convergence`, with the same reference and h ≤ 0.3 √ε.  The
 rules run in turn, round after round, each with its QPs kept, so that all go through the same code;
-the first line of every ε is the run without a rule whose quiet steps are compiled
-(`problems.stepping.quiet`), which neither rule has.  The least time of a rule counts.
+the first line of every ε is the run without a rule whose QPs are left to a compiled method
+(`problems.stepping.driver`), as those of neither rule are.  The least time of a rule counts.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ ROUNDS = 2
 
 
 class Rule(NamedTuple):
-    """A rule with its τ [s], and whether quiet steps are compiled."""
+    """A rule with its τ [s], and whether QPs are left to a compiled method."""
 
     drift: DriftRule
     tau: float = np.nan

@@ -5,9 +5,9 @@ it leaves open is an R that is older, an estimate of ‖R⁻¹‖, and several d
 ("if the loop in algorithm 2 is repeated only once").  So each QP of a recording is solved to its
 own ε₀ and its A x compared with the reference, by
 
-    lotstedt         as it is used: up to some tens of columns A_F is factorized at every QP
-    lotstedt[old_r]  the paper's method at every size
-    never            the same, never factorized anew while the old R can be carried on
+    glambda     our method: up to some tens of columns A_F is factorized at every QP
+    lotstedt    the paper's: R is kept at every size
+    never       the same, never factorized anew while the old R can be carried on
 
 from five starts: cold; warm, from the last QP and dropped at restarts, as a replay does; from the
 solutions 5 and 20 QPs ago, across restarts, whose working set and R are stale; and shaken: warm,
@@ -16,7 +16,7 @@ forces can change.  The last three are there to provoke what scenes rarely do, s
 directions on an old R.  A shaken QP has no reference in the recording; the oracle gives one to
 `SHAKEN` of them, evenly spread.
 
-The method divides ε₀ by `SAFETY` where the paper does not, so that everything is solved once more
+All divide ε₀ by `SAFETY` where the paper does not, so that everything is solved once more
 with ε₀ · `SAFETY` asked: that is the tolerance as printed (conjugate gradients, once begun, aim at
 half of it).
 """
@@ -34,24 +34,25 @@ import pandas as pd
 from harness.criterion.factor_rules import NEVER
 from harness.judging.facts import facts_of
 from harness.judging.oracle import reference
+from harness.names import METHOD, PAPER
 from harness.recordings.recording import Recording, Reference
 from problems.qp import ContactQP, Solution, Vector
 from problems.sequence import WARM_KINDS
 from solvers import make_solver
 from solvers.base import Solver
 
-SOLVERS: Mapping[str, Mapping[str, Any]] = {
-    "lotstedt": {},
-    "lotstedt[old_r]": {"variant": "old_r"},
-    "never": {"interval": NEVER},
+SOLVERS: Mapping[str, Solver] = {
+    METHOD: make_solver(METHOD),
+    PAPER: make_solver(PAPER),
+    "never": make_solver(PAPER, interval=NEVER),
 }
-"""Names and options of the solvers."""
+"""Who solves the QPs, by name."""
 STARTS = {"cold": 0, "warm": 1, "5 back": 5, "20 back": 20, "shaken": 1}
 """How many QPs ago the start was solved; 0: no start."""
 SHAKEN, LARGEST = 300, 64
 """Shaken QPs of a recording that get a reference, and the most columns that they may have."""
 SAFETY = 10.0
-"""Part of ε₀ that (3.20) and ε₁ are given by the method, as a divisor."""
+"""Part of ε₀ that (3.20) and ε₁ are given by all of them, as a divisor."""
 BUDGET = 1e11
 """Operations that all runs may take; of a longer recording the first part is used."""
 
@@ -71,7 +72,7 @@ def accuracy_of(recording: Recording) -> pd.DataFrame:
     """‖A δx‖/ε₀ of every QP with a reference, by solver, start and tolerance.
 
     Columns: solver, start, asked (1: ε₀, `SAFETY`: the tolerance as printed), place, kind,
-    directions, age (QPs since R was factorized) and ratio.  Where `lotstedt` factorizes at every
+    directions, age (QPs since R was factorized) and ratio.  Where `glambda` factorizes at every
     QP, its age means nothing.
     """
     part = _affordable(recording)
@@ -83,8 +84,7 @@ def accuracy_of(recording: Recording) -> pd.DataFrame:
             [qp.with_accuracy(asked * qp.eps0) for qp in each.qps[:part]]
             for each in (recording, shaken)
         ]
-        for name, options in SOLVERS.items():
-            solver = make_solver("lotstedt", **options)
+        for name, solver in SOLVERS.items():
             for start, back in STARTS.items():
                 of, qps = (shaken, asking[1]) if start == "shaken" else (recording, asking[0])
                 rows = _run(solver, qps, of.references, exact, back)
@@ -131,7 +131,7 @@ def _run(
         solution = solver.solve(qp, start and start.solution)
         work = solution.work
         if work is None or solution.x is None:
-            raise ValueError("the paper's method returned no answer, or no work counts")
+            raise ValueError(f"{solver.name} returned no answer, or no work counts")
         kept = start is not None and work.qr_factorizations == 0
         factorized = start.factorized if start is not None and kept else solved
         if known is not None:

@@ -19,11 +19,11 @@ iterations (in exact arithmetic), however large κ is; never in more than f, the
 Where few contacts move relative to the others, iterations so stop growing.
 
 1. Pairs of QPs n and n − s are sampled evenly, both after the same restart.
-2. Their columns are matched by row_id and scaled to length 1, as the paper's method does.
+2. Their columns are matched by row_id and scaled to length 1, as algorithm 2 here does.
 3. R_old is that of a fresh factorization of the columns in QP n − s that are free in QP n.  (A row
    that has come in between is left out: its column in R would be younger.)
 4. On the sparse path A_F may hold dependent columns.  There R_oldᵀR_old = A_F,oldᵀA_F,old + shift
-   stands for R_old, as in the method, and κ is that of the nonzero singular values: conjugate
+   stands for R_old, as there, and κ is that of the nonzero singular values: conjugate
    gradients do not see the others.
 """
 

@@ -8,15 +8,15 @@ it be factorized?  The rules that are compared:
     always, never   at every QP; only where there is no R, as after a restart
     s* paper        every s* QPs, s* = √(2 C_QR/C_IT), predicted with c = r = 1
     s* fitted       the same with c and r fitted
-    paper           at once, in the middle of a QP, when a direction is not found in √(2 C_QR/C_IT)
-                    iterations, at every size
-    paper deferred  the same threshold, but the QP is finished with the old R, and the next one is
+    paper           the printed rule at once: in the middle of a QP, in place of the iteration of a
+                    direction that would exceed √(2 C_QR/C_IT)
+    paper deferred  the printed rule, but the QP is finished with the old R, and the next one is
                     factorized: no iterations are thrown away
     fitted          as paper, with the threshold c s*^r of the fitted c and r
     online          when the average cost since the last factorization stops falling, with no
                     assumption on c and r (`solvers.active_set.online_rule`)
-    as shipped      the solver's default: A_F of today up to some tens of columns; beyond, online,
-                    with x extrapolated
+    as shipped      our own method, the default: A_F of today up to some tens of columns; beyond,
+                    online, with x extrapolated
 
 What is done, for one recording (`rule_runs`), of which the rows are stored:
 

@@ -1,10 +1,10 @@
-"""How guessing the active set grows with the number of rows, beside the paper's method.
+"""How guessing the active set grows with the number of rows, beside algorithm 2.
 
 Lötstedt 1984, end of §3.2: with one to three active constraints the multipliers can be had by
 guessing which are 0, solving a linear system for the others, and trying another combination where
 the signs are wrong; "this approach can be very slow for larger problems".
 
-A set is one guess, with one linear system to solve; a descent direction of the paper's method is
+A set is one guess, with one linear system to solve; a descent direction of algorithm 2 is
 one linear system too (3.19), so that both are counted in the same unit.  Guesses are taken by their
 distance from a first one (`solvers.baselines.enumeration`): cold, the rows that least squares
 without bounds leaves inside; warm, the recorded set of the QP before.  With t rows wrong in that
@@ -32,6 +32,7 @@ import numpy as np
 import pandas as pd
 
 from harness.machine.threads import one_thread
+from harness.names import METHOD
 from harness.recordings.recording import Recording
 from problems.qp import ContactQP, Solution
 from problems.sequence import WARM_KINDS
@@ -64,7 +65,7 @@ def recorded(recording: Recording) -> pd.DataFrame:
     """Both methods on the QPs of a recording, cold and warm; one row per QP and arm.
 
     Columns: arm, k, sets (NaN: given up), seconds, directions and
-    method_seconds of `lotstedt`.
+    method_seconds of `glambda`.
     """
     frames = []
     with one_thread():
@@ -174,11 +175,11 @@ def _starts(recording: Recording, warm: bool) -> list[Solution | None]:
 
 
 def _method_runs(qps: Sequence[ContactQP], warm: bool) -> list[tuple[int, float]]:
-    """(descent directions, seconds) of `lotstedt` on each QP, the least seconds of `TURNS` runs.
+    """(descent directions, seconds) of `glambda` on each QP, the least seconds of `TURNS` runs.
 
     QPs of more than `MOST_ROWS` are left out: (0, inf).
     """
-    solver = make_solver("lotstedt")
+    solver = make_solver(METHOD)
     directions, times = [0] * len(qps), np.full(len(qps), inf)
     for _ in range(TURNS):
         last: Solution | None = None

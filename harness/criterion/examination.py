@@ -1,6 +1,6 @@
-"""What is claimed of the method and its criterion, on a set of recordings: claims, and their rows.
+"""What is claimed of algorithm 2 and its criterion, on a set of recordings: claims, and their rows.
 
-The criterion (`harness.criterion.criterion`); and besides it the estimates that the method trusts
+The criterion (`harness.criterion.criterion`); and besides it the estimates that it trusts
 (`harness.criterion.estimates`), the accuracy that (3.20) promises (`harness.criterion.accuracy`),
 guessing the active set beside it (`harness.criterion.enumeration_growth`), two ways to the
 minimum-norm multipliers (`harness.criterion.minimum_norm_ways`), and what other packages can keep
@@ -23,7 +23,7 @@ from harness.criterion.enumeration_growth import SIZES, randomly, recorded
 from harness.criterion.estimates import ages, norms
 from harness.criterion.kept_factors import KINDS, kept_factors
 from harness.criterion.minimum_norm_ways import MinimumNormWays, case_rows, redundant, way_rows
-from harness.names import METHOD
+from harness.names import METHOD, PAPER
 from harness.recordings.recording import Recording
 from harness.results.claim import Claim, Row, Rows
 from solvers import describe
@@ -113,7 +113,7 @@ def _claim(
     name: str,
     examiner: Rows,
     recordings: Sequence[Recording],
-    solvers: Sequence[str] = (METHOD,),
+    solvers: Sequence[str] = (METHOD, PAPER),
     **options: Any,
 ) -> Claim:
     """A claim with a unit for each recording."""

@@ -9,8 +9,6 @@ keep, and renew every s QPs, is
              P               the matrix with its factorization; only q and the bounds are today's
     proxqp   setup           the object, with the preconditioner (a scaling) made for its first QP
              preconditioner  that scaling alone
-             start           the state of the last solve (x, z, the active set and step sizes);
-                             renewed: it starts from x and z
     piqp     setup           the object, with the symbolic factorization
              scaling         the equilibration of the matrix
 
@@ -22,7 +20,7 @@ Each sequence is that of `harness.criterion.factor_rules`, its first `LONGEST` Q
 `paper`.  The cost of a QP is the package's own, setup and solve, the least of some runs that are
 taken in turn. The mean is reported and not the median, because one QP in s carries the renewal.  An
 answer is verified when ‖A δx‖ against the recorded reference is at most `VERIFIED_WITHIN` times the
-accuracy asked.  The paper's method stands beside the packages, as it is shipped.
+accuracy asked.  Our method stands beside the packages, as it is shipped.
 """
 
 from __future__ import annotations
@@ -111,17 +109,6 @@ def new_preconditioner(built: Built) -> Built:
     return built._replace(arrays=(*built.arrays, True))
 
 
-def last_state(native: Native, built: Built) -> Native:
-    """ProxQP: start from all that the object holds."""
-    if built.carried is None or native.object is not built.carried.native.object:
-        return native
-    from proxsuite import proxqp
-
-    guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
-    native.object.settings.initial_guess = guess
-    return native._replace(arrays=(native.arrays[0], ()))
-
-
 def scaling(reused: bool) -> Callable[[Built], Built]:
     """PIQP: whether an update keeps the equilibration."""
 
@@ -140,7 +127,6 @@ KINDS = (
     Kind("osqp", "P", Hooks(before=old_P), Hooks()),
     Kind("proxqp", "setup", Hooks(), Hooks(before=afresh)),
     Kind("proxqp", "preconditioner", Hooks(), Hooks(before=new_preconditioner)),
-    Kind("proxqp", "start", Hooks(after=last_state), Hooks()),
     Kind("piqp", "setup", Hooks(), Hooks(before=afresh)),
     Kind("piqp", "scaling", Hooks(before=scaling(True)), Hooks(before=scaling(False))),
 )
@@ -149,7 +135,7 @@ KINDS = (
 def kept_factors(
     recording: Recording, *, turns: int = 3, kinds: Sequence[Kind] = KINDS
 ) -> pd.DataFrame:
-    """Every kind at every interval, one row each, and one of the paper's method.
+    """Every kind at every interval, one row each, and one of our method.
 
     Packages that are not installed are left out; no rows where no QP starts warm.  Columns: scene,
     package, kept, interval, QPs (with a predecessor, within `LIMIT`), mean and median [s],

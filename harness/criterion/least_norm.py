@@ -39,7 +39,7 @@ import numpy as np
 import scipy.linalg as sla
 from numpy.typing import NDArray
 
-from problems.least_norm.minimum_norm import RANK_TOL
+from problems.least_norm.independence import RANK_TOL
 from problems.qp import Indices, Vector
 from solvers.active_set.flops import cg_iteration_flops
 

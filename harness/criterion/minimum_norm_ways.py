@@ -30,8 +30,8 @@ from harness.criterion.cost_model import Growth, fit_growth, threshold
 from harness.criterion.factor_rules import sequence
 from harness.criterion.least_norm import ACCURACY, Decomposition, Members, decompose, least_norm
 from harness.recordings.recording import Recording
-from problems.least_norm.independence import surely_independent
-from problems.least_norm.minimum_norm import RANK_TOL, minimum_norm
+from problems.least_norm.independence import RANK_TOL, surely_independent
+from problems.least_norm.minimum_norm import minimum_norm
 from problems.qp import ContactQP, Indices, Vector, positions_of
 from problems.sequence import QPSequence
 from solvers import make_solver
@@ -154,7 +154,7 @@ def way_rows(cases: Sequence[Case]) -> pd.DataFrame:
 def redundant(recording: Recording) -> tuple[int, int, list[Case]]:
     """QPs of the sequence, how many fit into `BUDGET`, and those with redundant columns."""
     links = sequence(recording)
-    solver = make_solver("lotstedt")
+    solver = make_solver("glambda")
     cases: list[Case] = []
     spent, examined = 0.0, 0
     for place, qp, chain, _ in links:

@@ -62,11 +62,13 @@ def physics(
     mu : (k,) friction coefficients of tangent rows (`Recording.mu`); None: no coulomb_excess
     objective_error : of x relative to the reference, in units of ½ scale² (`harness.judging.judge`)
 
-    Everything is NaN for a QP of kind minimum_norm, which holds no motion.
+    Everything is NaN for a QP that holds no motion of rigid bodies: one of kind minimum_norm, and
+    one whose rows have no direction, which may be of anything.
     """
-    qp, rows = facts.qp, facts.contact_rows
-    if qp.kind == "minimum_norm":
+    qp = facts.qp
+    if qp.kind == "minimum_norm" or (qp.k and (qp.feature[:, 4] < 0).all()):
         return Physics()
+    rows = facts.contact_rows
     norms, scale, speed = facts.norms, facts.scale, qp.h / qp.alpha0
     slope = np.asarray(facts.A.T @ (facts.A @ x + facts.d), float)
     beyond = np.maximum(np.maximum(qp.lower - x, x - qp.upper), 0.0)

@@ -73,13 +73,29 @@ def prove(
         return None
 
 
+def exact_answer(
+    qp: ContactQP, candidate: ArrayLike, work: float = WORK, columns: int | None = None
+) -> tuple[list[int], int] | None:
+    """x of the exact answer, numerators (k) over one denominator > 0; None where `prove` gives it.
+
+    Of a QP whose A lacks rank it is one of many.
+    """
+    if qp.k > (COLUMNS if columns is None else columns):
+        return None
+    exact = _Exact(qp, np.clip(np.asarray(candidate, float), qp.lower, qp.upper))
+    if not exact.settle(work):
+        return None
+    numerators, one = _joint([y * exact.unit for y in exact.y])
+    return [int(entry) for entry in numerators.entries()], int(one)
+
+
 class _Exact:
     """The QP in integers, with the y that is under way (list of the module)."""
 
     def __init__(self, qp: ContactQP, x: Vector) -> None:
         A = qp.dense_A
         self.qp, self.a, self.b = qp, _exponent(A), _exponent(qp.d)
-        unit = fmpq(2) ** (self.b - self.a)
+        self.unit = unit = fmpq(2) ** (self.b - self.a)
         self.A = fmpz_mat(qp.m, qp.k, [_integer(v, self.a) for v in A.ravel().tolist()])
         self.gram = self.A.transpose() * self.A
         self.rows = self.gram.table()

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from harness.machine.threads import threads_asked_for
 from problems.kernels.sources import sources
-from solvers.registry import solver_class
+from solvers.base import Solver
 
 LIBRARIES = ("glambda", "numpy", "scipy", "h5py", "pandas", "pyarrow")
 
@@ -48,13 +48,8 @@ def library_versions() -> dict[str, str]:
     return {name: metadata.version(name) for name in LIBRARIES}
 
 
-@cache
-def solver_version(name: str) -> str:
-    """Version of a solver: its package's, and a hash of our source around it.
-
-    Raises ImportError where the package is absent.
-    """
-    cls = solver_class(name)
+def version_of(cls: type[Solver]) -> str:
+    """Version of a solver: its package's, and a hash of the source around it."""
     package = cls.package or "glambda"
     own = [Path(str(sys.modules[cls.__module__].__file__))]
     hashed = source_hash(sources(own, ["solvers"]))

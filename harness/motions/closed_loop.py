@@ -37,10 +37,10 @@ from harness.motions.loop import Loop, LoopResult
 from harness.motions.loop_store import load_loop
 from harness.motions.motion_error import Motion, PoseError, match_events, pose_error
 from harness.names import METHOD
+from harness.processes.introduction import available
 from harness.progress import Progress
 from problems import scene as make_scene
 from problems.scenes.labels import PAPER_SCENES, parse_label
-from solvers import available_solvers
 
 SWEEP = ("1e-4x", "1e-3x", "0.01x", "0.1x", "1x", "10x", "100x", "1000x", "1e4x")
 """Accuracies of the sloppy solvers."""
@@ -94,7 +94,7 @@ class LoopPlan:
 
     def named_solvers(self) -> tuple[str, ...]:
         """The solvers, written out."""
-        return self.solvers or tuple(available_solvers())
+        return self.solvers or tuple(available())
 
     def campaigns(self) -> list[Campaign]:
         """The loops of each scene.  Raises ValueError for an unknown scene."""

@@ -10,7 +10,7 @@ The scale of a QP is known when the QP is: a closed loop computes it (`harness.j
 before every solve, outside the time that counts as the solver's.
 
 A sloppy solver answers with x* + δx, ‖A δx‖ being exactly what was asked, so that the effect of
-accuracy is seen apart from the habits of any package.  x* is the paper's method's at `EXACT` of
+accuracy is seen apart from the habits of any package.  x* is our method's at `EXACT` of
 the scale.  The kinds differ in the direction of δx:
 
     any    random, over all rows: bounds are violated and idle contacts get a force
@@ -33,13 +33,14 @@ import numpy as np
 
 from harness.judging.facts import facts_of, setting_name
 from harness.names import METHOD
+from harness.processes.introduction import about
 from problems.qp import ContactQP, Solution, Vector
 from problems.sequence import SolvesQPs
 from solvers import make_solver
 from solvers.base import Unsupported
 
 EXACT = "1e-12"
-"""The setting at which the paper's method counts as exact."""
+"""The setting at which our method counts as exact."""
 NOISES = ("any", "free", "inside", "more", "less")
 """Kinds of sloppiness."""
 SLOPPY = tuple(f"sloppy[{noise}]" for noise in NOISES)
@@ -82,12 +83,12 @@ def check_backend(name: str, setting: str) -> None:
         if setting == "default":
             raise ValueError(f"{name} has no default; say how sloppy, such as 100x")
     else:
-        make_solver(name)
+        about(name)
 
 
 def backend(name: str, setting: str) -> SolvesQPs:
     """The solver of that name, for QPs that carry the accuracy asked."""
-    check_backend(name, setting)
+    check_setting(setting)
     if name.startswith("sloppy"):
         return Sloppy(name[len("sloppy[") : -1])
     return make_solver(name, accuracy="default") if setting == "default" else make_solver(name)
@@ -131,7 +132,7 @@ class InLoop:
 
 
 def exact(qp: ContactQP) -> Vector:
-    """x* (k,) by the paper's method at `EXACT` of the scale.
+    """x* (k,) by our method at `EXACT` of the scale.
 
     Raises ValueError where it gives no answer.
     """

@@ -6,7 +6,6 @@ is measured like everything else.
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -69,7 +68,7 @@ class LoopResult:
 def run_loop(loop: Loop, told: Callable[[float], None] = lambda t: None) -> LoopResult:
     """Simulate in this process and measure.
 
-    told : called with t after every accepted step
+    told : called with t after accepted steps, the last one among them
     """
     reached = 0.0
 
@@ -89,11 +88,12 @@ def run_loop(loop: Loop, told: Callable[[float], None] = lambda t: None) -> Loop
             verdict, reason = "refused", solver.refused
         elif solver.out_of_time:
             verdict, reason = "timeout", f"{loop.time_limit:g} s were not enough"
+        until_then: Run | None = getattr(error, "run", None)
+        if until_then is not None:
+            step(float(until_then.t[-1]))
+        if verdict != "timeout":
+            run = until_then
     spent = time.perf_counter() - began
-    if verdict in ("stopped", "refused") and reached > 0:
-        # a solver that does not do the same thing twice may stop earlier: nothing more is known
-        with contextlib.suppress(SimulationError):
-            run = _simulate(loop, InLoop(loop.solver, loop.setting), reached)
     measures = {
         "wall_time": spent,
         "call_time": solver.call_time,

@@ -28,11 +28,12 @@ from harness.files.sealed_parquet import (
     said_of_itself,
 )
 from harness.files.whole_files import write_whole
-from harness.machine.machine import machine_label, problems_version, solver_version, source_hash
+from harness.machine.machine import machine_label, problems_version, source_hash
 from harness.motions import in_loop, run_physics
 from harness.motions.loop import VERDICTS, Loop, LoopResult
 from harness.motions.motion_error import Motion
 from harness.names import METHOD
+from harness.processes.introduction import solver_version
 from harness.results.shard_file import StoreError, refuse_other
 from problems.qp import Vector
 from problems.stepping.run import Event

@@ -9,7 +9,7 @@ Signorini     0 ≤ λ_N ⊥ g_Nᵀq̇ ≥ 0 at the end of each step and impulse
 energy        what T + V gains at steps and at impulses, and loses at impulses.  No contact
               may give energy; work of `Load`s and external impulses are not counted.  The
               multistep methods gain a little on their own, so compare with exact QPs
-accuracy      ‖A(x − x*)‖ of every answer, against the paper's method at
+accuracy      ‖A(x − x*)‖ of every answer, against our method's at
               `harness.motions.in_loop.EXACT`
 """
 

@@ -1,18 +1,17 @@
-"""What a pass may take, and what one process is told to do."""
+"""What a pass may take, what one process is told to do, and what comes of it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
 from numpy.typing import NDArray
 
-from harness.passes.measure import DISTURBED, Outcome
+from harness.passes.outcome import DISTURBED, Outcome
 
 TIME_LIMIT, MEMORY_LIMIT = 1.0, 4.0
 """`Limits` if nothing else is said [s, GiB]."""
-WARM_UP = 1.0
+WARM_UP = 0.3
 """Longest warm-up of a process [s]."""
 
 
@@ -28,26 +27,42 @@ class Limits(NamedTuple):
     memory: float
 
 
-class Pass(NamedTuple):
-    """What came of a pass.
-
-    outcomes : one per QP;  times : (n, 4) [s] build, setup, solve, call, NaN where unknown
-    lost : the QPs that have cost a process
-    """
-
-    outcomes: Sequence[Outcome]
-    times: NDArray[np.float64]
-    lost: Sequence[int] = ()
-
-    @property
-    def is_final(self) -> bool:
-        """Whether nothing of it was disturbed."""
-        return not any(outcome.status_text.startswith(DISTURBED) for outcome in self.outcomes)
-
-
 class Task(NamedTuple):
     """What a process does: a solver by name, its options as (name, value) pairs, in an arm."""
 
     solver: str
     options: tuple[tuple[str, Any], ...]
     arm: str
+
+
+class Loss(NamedTuple):
+    """A process that was lost.
+
+    verdict : of the QP that it worked on;  text : why, or empty if its own outcome says it
+    seconds : how long that was waited for
+    blame : whose doing it is: "solver", "outside", or "unknown"
+    """
+
+    verdict: str
+    text: str
+    seconds: float = float("nan")
+    blame: str = "solver"
+
+
+class Pass(NamedTuple):
+    """What came of a pass.
+
+    outcomes : one per QP
+    times : (n, 7) [s] build, setup, solve and call as told (`wire.TOLD`), and what is seen from
+        outside (`measure.SEEN`); NaN where unknown
+    lost : the QPs that have cost a process
+    """
+
+    outcomes: Sequence[Outcome]
+    times: NDArray[Any]
+    lost: Sequence[int] = ()
+
+    @property
+    def is_final(self) -> bool:
+        """Whether nothing of it was disturbed."""
+        return not any(outcome.status_text.startswith(DISTURBED) for outcome in self.outcomes)

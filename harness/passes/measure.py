@@ -1,230 +1,247 @@
-"""One pass of one solver over a recorded sequence, with the clock around every call.
+"""One pass over a recorded sequence: each QP is asked when the one before is answered.
 
-1. What a solve is started from is the business of `harness.passes.starts`; it is made ready before
-   the clock is read.
-2. The garbage collector runs before a pass and sleeps during it, so that no solver pays for
-   another's litter.
-3. The solver's own clocks tell build, setup and solve; ours, around the whole call, `call_time`.
-   They are `believed` as far as they agree.
-4. A backend that raises, or returns no Solution, loses that QP, not the pass; running out of
-   memory or leaving the program (`FATAL`) is a crash.  One that has overstepped the time limit
-   `PATIENCE` times in a row is not tried on the rest.
-5. After the pass the QPs are compared with what they were (`Inputs`): one that a backend has
-   written into, which compiled code can, is put right, and the backend loses that QP.
+1. Who is asked knows a QP when it is asked, and no other one; its answer is kept here, and it does
+   not come to it again.
+2. Beside the times that are told stand those that are seen: from asking to the answer, by our
+   clock, and the CPU that was used until the next was asked.
+3. One that has overstepped the time limit `PATIENCE` times in a row is not asked the rest.
+4. Who is lost over a QP loses that QP; the next is asked of another one, which has no predecessor
+   to start from.  After `MOST_LOST` losses the rest of the pass is given up.
+5. What is not the solver's doing ends the pass, and is told as such.
 """
 
 from __future__ import annotations
 
+import abc
 import gc
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from harness.passes.starts import Starts
+from harness.passes.bench import Bench
+from harness.passes.limits import Loss, Pass
+from harness.passes.outcome import DISTURBED, Outcome
+from harness.passes.starts import SEED, after_restart, check_arm, order_of
+from harness.passes.wire import TOLD, Question, outcome_of, packed
 from harness.recordings.recording import Reference
-from problems.qp import ContactQP, Solution, Status, Vector, WorkCounts
-from solvers.base import Solver, Unsupported
+from problems.qp import ContactQP
+from problems.sequence import WARM_KINDS
+from solvers.base import Solver
 
 PATIENCE = 20
 """Solves in a row beyond the time limit after which the rest of a pass is given up."""
-
-FATAL = (MemoryError, SystemExit)
-"""What would have ended a program that does not expect it."""
-
-UNEXPLAINED = 0.01
-"""Seconds of a call that a solver's own clocks may leave out."""
-
-CLOCK = time.perf_counter
-"""Bound once, so that a backend that puts another one into `time` does not put it here."""
-
-WROTE = "wrote into the QP that it was given; the answer is not judged"
+MOST_LOST = 3
+"""Processes that a pass may lose before the rest of it is given up."""
+LONG_AGO = 1e3
+"""How much earlier [s] the QPs of a warm-up say they are posed."""
+TELL_EVERY = 32
+"""QPs between two reports of progress."""
+SEEN = ("wall", "waited", "cpu")
+"""Times that are seen from outside, behind `wire.TOLD`: from asking to the answer; what of it the
+asked, or who asks, has waited for a processor; CPU from asking to the next question."""
 
 
-DISTURBED = "disturbed: "
-"""What the status text begins with where it was not the solver's doing.  Such a row is not final:
-it is tried again at once, and by whoever continues."""
+class Reply(NamedTuple):
+    """What comes of a question: an outcome, or a loss, or one that has cost the process.
 
-
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """What came of one call, without the solver's memory.
-
-    verdict : "skipped", "failed", "timeout" or "crashed" where that is settled before any judging,
-        else None
-    status : name of the solver's Status, empty if it was not reached
-    warm_started : whether a start was handed over
-    after_restart : whether this QP of the warm group has no predecessor
+    told : `wire.TOLD`;  seen : the first two of `SEEN` [s]
+    stood_still : whether the machine did, meanwhile
     """
 
-    verdict: str | None
-    x: Vector | None = None
-    found: bool = False
-    status: str = ""
-    status_text: str = ""
-    iterations: int | None = None
-    work: WorkCounts | None = None
-    warm_started: bool = False
-    after_restart: bool = False
+    outcome: Outcome | None
+    told: tuple[float, ...]
+    seen: tuple[float, float]
+    loss: Loss | None = None
+    stood_still: bool = False
 
 
-class Watch:
-    """Is told of a pass as it goes on, outside the clock.  This one takes no notice."""
+class Asked(abc.ABC):
+    """Whoever answers.
 
-    def begin(self, position: int) -> None:
-        """The QP at this position of the order is about to be solved."""
-
-    def end(self, index: int, outcome: Outcome, times: NDArray[np.float64]) -> None:
-        """QP `index` has this outcome in these times (4,).  After the pass it may be told anew."""
-
-
-UNWATCHED = Watch()
-
-
-def _outcome_of(
-    solution: Solution, qp: ContactQP, late: bool, warm_started: bool, alone: bool
-) -> Outcome:
-    """What a call returned, once it is sure to be a Solution that can be judged and stored."""
-    if not isinstance(solution, Solution) or not isinstance(solution.status, Status):
-        raise TypeError("the solver returned no Solution with a Status")
-    x = None if solution.x is None else np.array(solution.x, dtype=np.float64)
-    if x is not None and x.shape != (qp.k,):
-        raise ValueError(f"the solver returned x of shape {x.shape}; expected ({qp.k},)")
-    return Outcome(
-        verdict="timeout" if late else None,
-        x=x,
-        found=solution.found,
-        status=solution.status.name,
-        status_text=str(solution.status_text),
-        iterations=int(solution.iterations),
-        work=solution.work,
-        warm_started=warm_started,
-        after_restart=alone,
-    )
-
-
-class Inputs:
-    """The arrays of a sequence of QPs as they were, to tell what a backend has written into.
-
-    They are read-only to Python, but a compiled backend need not ask.  Nor need one written in
-    Python, which can put other arrays in their place.
+    cpu : of each QP by its number, the CPU [s] from its question to the next, where it is known
     """
 
-    def __init__(self, qps: Sequence[ContactQP]) -> None:
-        self._kept = [[(array, array.tobytes()) for array in _arrays_of(qp)] for qp in qps]
-        self._named = [(vars(qp), dict(vars(qp))) for qp in qps]
+    def __init__(self) -> None:
+        self.cpu: dict[int, float] = {}
 
-    def restore(self) -> set[int]:
-        """Put right what was changed; returns the positions of the QPs concerned."""
-        changed = set()
-        for i, (now, before) in enumerate(self._named):
-            if any(now.get(name) is not value for name, value in before.items()):
-                now.update(before)
-                changed.add(i)
-        for i, kept in enumerate(self._kept):
-            for array, content in kept:
-                if array.tobytes() != content:
-                    array.setflags(write=True)
-                    array[...] = np.frombuffer(content, array.dtype).reshape(array.shape)
-                    changed.add(i)
-                array.setflags(write=False)
-        return changed
+    @abc.abstractmethod
+    def ask(self, question: Question) -> Reply:
+        """The answer to a question."""
+
+    def end(self) -> Loss | None:
+        """Nothing more is asked; what is found out in the end."""
+        return None
+
+    def close(self) -> None:  # noqa: B027  not everybody has something to end
+        """It is not needed any more."""
 
 
-def _arrays_of(qp: ContactQP) -> list[NDArray[Any]]:
-    """Everything of a QP that is handed to a backend as an array."""
-    A: Any = qp.A
-    parts = [A.data, A.indices, A.indptr] if sp.issparse(A) else [A]
-    parts += [qp.d, qp.lower, qp.upper, qp.row_id, qp.D]
-    if sp.issparse(A) and "dense_A" in vars(qp):
-        parts.append(qp.dense_A)
-    return parts
+class Here(Asked):
+    """A solver in our own process, where a debugger can follow, and where a crash is a crash."""
+
+    def __init__(self, solver: Solver, arm: str) -> None:
+        super().__init__()
+        self._bench = Bench(solver, arm)
+
+    def ask(self, question: Question) -> Reply:
+        message = packed(question)
+        began = time.perf_counter()
+        answer = self._bench.answer(message)
+        wall = time.perf_counter() - began
+        return Reply(*outcome_of(answer), (wall, 0.0))
 
 
 def run_pass(
-    solver: Solver,
+    solver: Solver, qps: Sequence[ContactQP], arm: str, **options: Any
+) -> tuple[Sequence[Outcome], NDArray[np.float64]]:
+    """A pass in our own process: outcomes, and times (n, 7) [s] as in `Pass`.
+
+    options : as for `take_pass`
+    """
+    done = take_pass(Here(solver, arm), qps, arm, **options)
+    return done.outcomes, done.times
+
+
+def take_pass(
+    asked: Asked,
     qps: Sequence[ContactQP],
-    *,
     arm: str,
+    *,
     references: Sequence[Reference | None] | None = None,
     time_limit: float = float("inf"),
-    budget: float = float("inf"),
-    first: int = 0,
-    watch: Watch = UNWATCHED,
-) -> tuple[list[Outcome], NDArray[np.float64]]:
-    """Solve the sequence, in the order of the arm.
+    advance: Callable[[int], None] = lambda count: None,
+    again: bool = False,
+) -> Pass:
+    """Ask all QPs in the order of the arm (`harness.passes.starts.EVERY_ARM`).
 
-    arm : what each solve is started from, one of `harness.passes.starts.EVERY_ARM`
-    references : the oracle's answers, one per QP; the arm "exact" starts from them
+    references : the oracle's answers, one per QP; the arm "exact" is given them, one at a time
     time_limit : [s] beyond which a solve is a timeout, looked at after the call
-    budget : [s] after which the pass ends early; the warm-up uses it
-    first : where in the order to begin; what lies before it counts as never solved
-    watch : told of each QP
+    advance : told now and then how many more QPs are done
+    again : whether the pass was disturbed before; then a doubtful loss is the solver's
 
-    Returns the outcomes of the QPs that were come to, in the order of the recording, and the times
-    of all (n, 4) [s]: build, setup, solve, call; NaN where unknown.
     Raises ValueError for an unknown arm.
     """
-    starts = Starts(solver, arm, qps, references, first)
-    outcomes: dict[int, Outcome] = {}
-    times = np.full((len(qps), 4), np.nan)
-    solution: Solution | None
-    slow, clock = 0, CLOCK
-    inputs = Inputs(qps)
+    check_arm(arm)
+    order = order_of(arm, len(qps))
+    book = _Book(qps, order, time_limit)
+    with without_litter():
+        for position, i in enumerate(order):
+            known = references[i] if references is not None and arm == "exact" else None
+            x = None if known is None else known.x
+            reply = asked.ask(Question(i, qps[i], x, bool(book.alone[i]), book.fresh))
+            book.enter(i, reply, again)
+            if book.closed(position, reply):
+                break
+            if position % TELL_EVERY == TELL_EVERY - 1:
+                advance(TELL_EVERY)
+    loss = asked.end()
+    if loss is not None and not book.lost:
+        book.lose(order[-1], loss)
+    return book.as_pass(asked.cpu)
+
+
+@contextmanager
+def without_litter() -> Iterator[None]:
+    """The garbage collector has run, and sleeps meanwhile."""
     gc.collect()
     was_enabled = gc.isenabled()
     gc.disable()
-
-    def come_to(i: int, outcome: Outcome) -> None:
-        outcomes[i] = outcome
-        watch.end(i, outcome, times[i])
-
-    began = clock()
     try:
-        for position, i in enumerate(starts.order[first:], first):
-            qp, alone = qps[i], bool(starts.alone[i])
-            start = starts.of(i)
-            if slow >= PATIENCE:
-                text = f"not tried: {PATIENCE} solves in a row took more than {time_limit:g} s"
-                come_to(i, Outcome("timeout", status_text=text, after_restart=alone))
-                continue
-            watch.begin(position)
-            t0 = clock()
-            try:
-                solution = solver.solve(qp, start)
-                t1 = clock()
-                outcome = _outcome_of(solution, qp, t1 - t0 > time_limit, start is not None, alone)
-                timing = solution.timing
-                times[i] = timing.build, timing.setup, timing.solve, t1 - t0
-            except Unsupported as reason:
-                come_to(i, Outcome("skipped", status_text=str(reason), after_restart=alone))
-                continue
-            except KeyboardInterrupt:
-                raise
-            # Any backend may raise anything, a panic of Rust or SystemExit too; the study goes on.
-            except BaseException as error:
-                t1 = clock()
-                times[i, 3] = t1 - t0
-                verdict = "crashed" if isinstance(error, FATAL) else "failed"
-                text = " ".join(f"{type(error).__name__}: {error}".split())
-                outcome = Outcome(verdict, status_text=text, after_restart=alone)
-                solution = None
-            come_to(i, outcome)
-            slow = slow + 1 if t1 - t0 > time_limit else 0
-            starts.take(i, solution)
-            if t1 - began > budget:
-                break
+        yield
     finally:
         if was_enabled:
             gc.enable()
-    for i in inputs.restore():
-        if i in outcomes:
-            come_to(i, replace(outcomes[i], verdict="failed", status_text=WROTE, x=None))
-    return [outcomes[i] for i in sorted(outcomes)], times
+
+
+class _Book:
+    """What comes of the questions of a pass.
+
+    alone : (n,) which QPs have no predecessor;  fresh : whether the next one is the first of a pass
+    """
+
+    def __init__(self, qps: Sequence[ContactQP], order: Sequence[int], time_limit: float) -> None:
+        self._qps, self._order, self._limit = qps, order, time_limit
+        self.alone = after_restart(qps)
+        self.times = np.full((len(qps), len(TOLD) + len(SEEN)), np.nan)
+        self.lost: list[int] = []
+        self._outcomes: dict[int, Outcome] = {}
+        self._slow, self._stood_still, self._disturbed = 0, False, ""
+        self.fresh = True
+        self._begin_at(0)
+
+    def _begin_at(self, position: int) -> None:
+        """The QP at this position is the first of a process, and no other was before it."""
+        self.fresh = True
+        for i in self._order[position:]:
+            if self._qps[i].kind in WARM_KINDS:
+                self.alone[i] = True
+                break
+
+    def enter(self, i: int, reply: Reply, again: bool) -> None:
+        """QP `i` has this reply; `again` as for `take_pass`."""
+        self.fresh = False
+        self._stood_still |= reply.stood_still
+        if reply.outcome is None or reply.outcome.verdict != "skipped":
+            self.times[i, :-1] = *reply.told, *reply.seen
+        late = reply.seen[0] > self._limit
+        self._slow = self._slow + 1 if late else 0
+        loss = reply.loss
+        if loss is not None and (
+            loss.blame == "outside" or (loss.blame == "unknown" and not again)
+        ):
+            self._disturbed = DISTURBED + loss.text
+        if reply.outcome is not None:
+            verdict = reply.outcome.verdict or ("timeout" if late else None)
+            self._put(i, replace(reply.outcome, verdict=verdict))
+        if loss is not None:
+            self.lose(i, loss)
+
+    def lose(self, i: int, loss: Loss) -> None:
+        """The process was lost over QP `i`."""
+        self.lost.append(i)
+        if loss.text or i not in self._outcomes:
+            self._put(i, Outcome(loss.verdict, status_text=loss.text))
+
+    def closed(self, position: int, reply: Reply) -> bool:
+        """Whether the pass ends after this position; the rest is filled in then."""
+        if reply.loss is not None:
+            self._begin_at(position + 1)
+        if self._disturbed:
+            self._fill(position, reply.loss.verdict if reply.loss else "crashed", self._disturbed)
+        elif len(self.lost) == MOST_LOST:
+            verdict = reply.loss.verdict if reply.loss else "crashed"
+            text = f"not tried: {MOST_LOST} processes were lost in this pass"
+            self._fill(position + 1, verdict, text)
+        elif self._slow == PATIENCE:
+            text = f"not tried: {PATIENCE} solves in a row took more than {self._limit:g} s"
+            self._fill(position + 1, "timeout", text)
+        else:
+            return False
+        return True
+
+    def _put(self, i: int, outcome: Outcome) -> None:
+        self._outcomes[i] = replace(outcome, after_restart=bool(self.alone[i]))
+
+    def _fill(self, position: int, verdict: str, text: str) -> None:
+        for i in self._order[position:]:
+            self._put(i, Outcome(verdict, status_text=text))
+
+    def as_pass(self, cpu: dict[int, float]) -> Pass:
+        """All of it."""
+        for i, seconds in cpu.items():
+            self.times[i, -1] = seconds
+        if self._stood_still:
+            for i, outcome in self._outcomes.items():
+                if outcome.verdict == "timeout":
+                    text = f"{DISTURBED}the machine stood still; {outcome.status_text}"
+                    self._put(i, replace(outcome, status_text=text))
+        return Pass([self._outcomes[i] for i in range(len(self._qps))], self.times, self.lost)
 
 
 def pose(qps: Sequence[ContactQP], asked: Sequence[float]) -> list[ContactQP]:
@@ -233,27 +250,15 @@ def pose(qps: Sequence[ContactQP], asked: Sequence[float]) -> list[ContactQP]:
     return [qp if qp.eps0 == eps0 else qp.with_accuracy(eps0) for qp, eps0 in pairs]
 
 
-def believed(times: NDArray[np.float64]) -> tuple[NDArray[np.float64], list[int]]:
-    """Times (n, 4) [s] less what cannot be: a solver's own clocks hold only within ours.
+def others(qps: Iterable[ContactQP]) -> Iterator[ContactQP]:
+    """QPs of the same structure with other numbers and other answers, to warm up on.
 
-    Build, setup and solve become NaN, so that the whole call counts,
-
-    1. where they are impossible: negative or not finite, or nothing for setup and solve together,
-       or more than the call;
-    2. where they leave more than half of the call and more than `UNEXPLAINED` out.  That need be no
-       lie: it can be an interruption by the system.
-
-    What an adapter hides beyond that shows in `call_time`, which tables have beside `runtime`.
-    Returns these times and the positions of the impossible.
+    Columns of A are scaled, entries of d shuffled, and time is another, all by a fixed seed.
     """
-    own, call = times[:, :3], times[:, 3]
-    total = own.sum(axis=1)
-    with np.errstate(invalid="ignore"):
-        possible = (own >= 0).all(axis=1) & (own[:, 1] + own[:, 2] > 0) & (total <= call)
-        explained = call - total <= np.maximum(UNEXPLAINED, call / 2)
-        nonsense = ~((call >= 0) & (call < np.inf))
-    impossible = ~possible & ~np.isnan(own).all(axis=1)
-    cleared = times.copy()
-    cleared[~(possible & explained), :3] = np.nan
-    cleared[nonsense, 3] = np.nan
-    return cleared, np.flatnonzero(impossible).tolist()
+    rng = np.random.default_rng(SEED)
+    for qp in qps:
+        scale = rng.uniform(0.5, 2.0, qp.k)
+        A: Any = qp.A
+        A = A.multiply(scale).tocsc() if sp.issparse(A) else A * scale
+        d = rng.permutation(qp.d) * rng.choice([-1.0, 1.0], qp.m)
+        yield replace(qp, A=A, d=d, t=qp.t - LONG_AGO)

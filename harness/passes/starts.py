@@ -1,8 +1,10 @@
 """What each solve of a pass is started from: the arms of a replay.
 
-    cold          nothing
+    cold          nothing: every object of the package is made afresh
+    kept          nothing, but the memory of the last solve: its object is kept and updated
     warm          the solver's own last solution, with whatever memory the solver put into it
 
+so that from cold to kept is what a kept object is worth, and from kept to warm what a start is.
 Beside them are arms that differ from `warm` in one thing, the quality of x and of the working set:
 
     exact         those of the reference: what does it cost to verify an answer?
@@ -22,14 +24,16 @@ What holds for all of them:
    within one stretch between restarts; the first of a stretch is cold in every arm, and so are
    impulses and minimum-norm problems.  `shuffled` knows no stretches: it starts all but its first.
 2. Rows are mapped by `row_id`, and x is clipped to today's bounds, by the solver (`solvers.base`).
-3. **Memory** (a native workspace, multipliers) is that of the last solve in every arm but `cold`
+3. In `kept` x is the feasible point nearest to 0 and no row is in the working set.
+4. **Memory** (a native workspace, multipliers) is that of the last solve in every arm but `cold`
    and `bare`: a start that spares a set-up is not comparable to one that does not.  Where x is
-   another's, the solver is told so before the clock is read, and makes its memory agree with it
+   another's, the solver is told so, on the clock, and makes its memory agree with it
    (`Solver.adopt`): multipliers are −Δ of that x, an old R is dropped.  Solvers whose warm start
-   carries no x (`carries_x`) have none of the arms that replace it, and no `bare`.
-4. Where an arm cannot be had (fewer than 5 solutions yet, no reference), the solve is cold and not
+   carries no x (`carries_x`) have none of the arms that replace it, and no `bare`; what is called
+   `warm` of them is `kept`.
+5. Where an arm cannot be had (fewer than 5 solutions yet, no reference), the solve is cold and not
    counted as warm-started.  `extrapolated` is `warm` where time stood still.
-5. Everything random is seeded by the number of the QP, so that all solvers meet the same.
+6. Everything random is seeded by the number of the QP, so that all solvers meet the same.
 """
 
 from __future__ import annotations
@@ -37,13 +41,12 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.recordings.recording import Reference
+from harness.passes.wire import Question
 from problems.qp import (
     AT_LOWER,
     AT_UPPER,
@@ -51,6 +54,7 @@ from problems.qp import (
     ContactQP,
     Solution,
     Status,
+    Vector,
     positions_of,
     working_set_of,
 )
@@ -58,7 +62,9 @@ from problems.sequence import WARM_KINDS
 from solvers.base import Solver, usable
 
 ARMS = ("cold", "warm")
-"""The two arms of every study."""
+"""The two arms that everything is compared in."""
+STUDY_ARMS = ("cold", "kept", "warm")
+"""The arms of a study."""
 FARTHEST = 20
 SEED = 1984
 
@@ -74,11 +80,12 @@ class Moment(NamedTuple):
     """What is known when a QP is about to be solved.
 
     number : of the QP in the recording;  past : of its stretch, oldest first, not empty
+    reference : (k,) x, in the arm that starts from it
     """
 
     number: int
     qp: ContactQP
-    reference: Reference | None
+    reference: Vector | None
     past: Sequence[Past]
 
 
@@ -91,7 +98,7 @@ def exact(now: Moment) -> Solution | None:
     """The reference's x and working set, where there is a reference."""
     if now.reference is None:
         return None
-    x = now.reference.x.copy()
+    x = now.reference.copy()
     return Solution(x, now.qp.row_id, Status.SOLVED, working_set_of(now.qp, x))
 
 
@@ -128,6 +135,13 @@ def corrupted(now: Moment) -> Solution | None:
     return replace(last, x=last.x + noise, working_set=drawn.astype(np.int8))
 
 
+def nothing(now: Moment) -> Solution:
+    """x nearest to 0 within the bounds, every row free."""
+    qp = now.qp
+    x = np.clip(np.zeros(qp.k), qp.lower, qp.upper)
+    return Solution(x, qp.row_id, Status.SOLVED, np.full(qp.k, FREE, np.int8))
+
+
 QUALITIES: dict[str, Callable[[Moment], Solution | None]] = {
     "exact": exact,
     "extrapolated": extrapolated,
@@ -136,7 +150,8 @@ QUALITIES: dict[str, Callable[[Moment], Solution | None]] = {
     "corrupted": corrupted,
 }
 """Arm → the x and working set that replace the last ones; best first, roughly."""
-EVERY_ARM = (*ARMS, *QUALITIES, "bare", "shuffled")
+REPLACED = {**QUALITIES, "kept": nothing}
+EVERY_ARM = (*STUDY_ARMS, *QUALITIES, "bare", "shuffled")
 
 
 def carries_x(solver: type[Solver]) -> bool:
@@ -144,14 +159,19 @@ def carries_x(solver: type[Solver]) -> bool:
     return solver.warm_start not in ("none", "workspace")
 
 
+def check_arm(arm: str) -> None:
+    """Raise ValueError for an unknown arm."""
+    if arm not in EVERY_ARM:
+        raise ValueError(f"arm {arm!r} is unknown; choose from {', '.join(EVERY_ARM)}")
+
+
 def has_arm(solver: type[Solver], arm: str) -> bool:
     """Whether a solver can be run in an arm.
 
     Raises ValueError for an unknown arm.
     """
-    if arm not in EVERY_ARM:
-        raise ValueError(f"arm {arm!r} is unknown; choose from {', '.join(EVERY_ARM)}")
-    if arm in QUALITIES or arm == "bare":
+    check_arm(arm)
+    if arm in REPLACED or arm == "bare":
         return carries_x(solver)
     return arm == "cold" or solver.warm_start != "none"
 
@@ -176,53 +196,31 @@ def after_restart(qps: Sequence[ContactQP]) -> NDArray[np.bool_]:
 
 
 class Starts:
-    """Hands out the starts of one pass in one arm, and is told every solution.
+    """Hands out the starts of one pass in one arm, and is told every solution."""
 
-    first : where in the order the pass begins; whatever comes first has no predecessor
-
-    Raises ValueError for an unknown arm.
-    """
-
-    def __init__(
-        self,
-        solver: Solver,
-        arm: str,
-        qps: Sequence[ContactQP],
-        references: Sequence[Reference | None] | None = None,
-        first: int = 0,
-    ) -> None:
-        if arm not in EVERY_ARM:
-            raise ValueError(f"arm {arm!r} is unknown; choose from {', '.join(EVERY_ARM)}")
-        self.order = order_of(arm, len(qps))
-        self.alone = after_restart(qps)
-        if first:
-            grouped = (i for i in self.order[first:] if qps[i].kind in WARM_KINDS)
-            self.alone[list(islice(grouped, 1))] = True
-        self._solver, self._arm, self._qps = solver, arm, qps
-        self._references = references if references is not None else [None] * len(qps)
-        self._make = QUALITIES.get(arm)
+    def __init__(self, solver: Solver, arm: str) -> None:
+        self._solver, self._arm = solver, arm
+        self._make = REPLACED.get(arm)
         self._last: Solution | None = None
         self._past: deque[Past] = deque(maxlen=FARTHEST)
 
-    def of(self, index: int) -> Solution | None:
-        """What QP `index`, the next one, is started from."""
-        qp = self._qps[index]
+    def of(self, question: Question) -> tuple[Solution | None, bool]:
+        """What the next QP is started from, and whether its memory is of another x (`adopt`)."""
+        qp = question.qp
         if qp.kind not in WARM_KINDS:
-            return None
-        if self.alone[index] and self._arm != "shuffled":
+            return None, False
+        if question.alone and self._arm != "shuffled":
             self._last = None
             self._past.clear()
         last = usable(self._last)
         if last is None or self._make is None:
-            return last
-        made = usable(self._make(Moment(index, qp, self._references[index], self._past)))
-        if made is None:
-            return None
-        return replace(made, memory=self._solver.adopt(last.memory, made))
+            return last, False
+        made = self._make(Moment(question.number, qp, question.reference, self._past))
+        made = usable(made)
+        return (None, False) if made is None else (replace(made, memory=last.memory), True)
 
-    def take(self, index: int, solution: Solution | None) -> None:
-        """The solver's own solution of QP `index`; None where it raised."""
-        qp = self._qps[index]
+    def take(self, qp: ContactQP, solution: Solution | None) -> None:
+        """The solver's own solution of that QP; None where it raised."""
         if qp.kind not in WARM_KINDS or self._arm == "cold":
             return
         self._last = solution

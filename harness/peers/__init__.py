@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
-from harness.machine.machine import problems_version, solver_version, source_hash
+from harness.machine.machine import problems_version, source_hash
 from harness.peers.base import Peer
+from harness.processes.introduction import solver_version
 from problems.kernels.sources import sources
 from problems.registry import load, unknown
 
@@ -74,7 +75,7 @@ def engine_version(name: str) -> str:
     if engine_class(name).package == "glambda":
         parts.append(problems_version())
     if name == OURS:
-        parts.append(solver_version("lotstedt"))
+        parts.append(solver_version("glambda"))
     return "; ".join(parts)
 
 

@@ -1,4 +1,4 @@
-"""This project's stepper, with the paper's method in the loop, measured as its peers are.
+"""This project's stepper, with our method in the loop, measured as its peers are.
 
 It chooses its steps for an ε; its states between them are had by cubic interpolation.  What it
 takes to build the scene is measured by runs of no steps and not counted, as with the peers.
@@ -52,7 +52,7 @@ class Glambda(Peer):
     def __init__(
         self, scene: Scene, resolution: float, bounded: bool = False, fixed: bool = False
     ) -> None:
-        self.scene, self.solver = replace(scene, mu_I=scene.mu), make_solver("lotstedt")
+        self.scene, self.solver = replace(scene, mu_I=scene.mu), make_solver("glambda")
         longest = min(SHARE * sqrt(resolution), LARGEST_BOUND) if bounded else LARGEST_STEP
         self.options: dict[str, Any] = (
             {"eps": REST_EPS, "fixed_step": resolution}

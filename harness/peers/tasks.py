@@ -103,7 +103,7 @@ def started(label: str) -> Scene:
         return scene
     if any(impulse.t > 0 for impulse in scene.impulses):
         raise ValueError(f"scene {label!r} has an impulse after t = 0, which engines are not given")
-    run = simulate(scene, make_solver("lotstedt"), until=NO_TIME, keep_qps=False)
+    run = simulate(scene, make_solver("glambda"), until=NO_TIME, keep_qps=False)
     return replace(scene, v0=run.v[-1], impulses=())
 
 
@@ -141,7 +141,7 @@ def _time(name: str, text: str) -> float:
 def first_impact(scene: Scene) -> float:
     """The last multiple of 1/60 before the first impact [s], or the end of the whole motion."""
     until = min(WHOLE, scene.end_time)
-    run = simulate(scene, make_solver("lotstedt"), eps=COARSE_EPS, until=until, keep_qps=False)
+    run = simulate(scene, make_solver("glambda"), eps=COARSE_EPS, until=until, keep_qps=False)
     impacts = [event.t for event in run.event_log if event.kind == "impulse" and event.t > 0]
     frames = int((min(impacts) if impacts else until) / FRAME)
     if frames < 1:

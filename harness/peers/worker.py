@@ -1,21 +1,21 @@
 """A process that runs one engine; a crash or a hang costs one run.
 
-It is started when first needed, and anew after it was lost.  Parent and child speak by a pipe: a
-job down; "built" and "passed" as each pass begins and ends, and at last the outcome, up.
+It is started when first needed, and anew after it was lost.  Parent and child speak in lines of
+JSON: a job down; "built" and "passed" as each pass begins and ends, and at last the outcome, up.
 """
 
 from __future__ import annotations
 
-import multiprocessing as mp
-import tempfile
-from multiprocessing.connection import Connection
-from pathlib import Path
+import json
+import socket
+import time
+from dataclasses import asdict
 from typing import Any
 
 from harness.peers import engine_class
 from harness.peers.observe import observe
 from harness.peers.tasks import Task
-from harness.processes.own_process import OwnProcess
+from harness.processes.process import Process
 
 STARTING = 120.0
 """Longest that importing an engine and building a scene may take [s]."""
@@ -30,16 +30,14 @@ class Worker:
 
     def __init__(self, engine: str) -> None:
         self.engine = engine
-        self._process: OwnProcess
-        self._link: Connection | None = None
+        self._process: Process | None = None
+        self._heard = b""
 
     def __enter__(self) -> Worker:
-        self._folder = tempfile.TemporaryDirectory()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._end()
-        self._folder.cleanup()
 
     def run(
         self, task: Task, options: dict[str, Any], resolution: float, limit: float
@@ -48,49 +46,68 @@ class Worker:
 
         limit : [s] that one pass may take
         """
-        link = self._link or self._start()
+        process = self._process or self._start()
+        patience, told = STARTING, None
         try:
-            link.send((task, options, resolution))
-            patience = STARTING
-            while link.poll(patience):
-                told: str | dict[str, Any] = link.recv()
+            process.link.sendall(_line([asdict(task), options, resolution]))
+            while (told := self._hear(process, patience)) is not None:
                 if isinstance(told, dict):
                     return told
                 patience = limit if told == "built" else STARTING
         except (EOFError, OSError):
-            reason = self._process.cause_of_death()
+            reason = process.cause_of_death()[1]
             self._end()
             return {"status": "crashed", "reason": reason}
         self._end()
         what, most = ("a pass", limit) if patience == limit else ("building it", STARTING)
         return {"status": "timeout", "reason": f"{what} took more than {most:g} s"}
 
-    def _start(self) -> Connection:
+    def _hear(self, process: Process, patience: float) -> Any:
+        """The next line, or None where it does not come within `patience` [s]."""
+        ends = time.monotonic() + patience
+        while b"\n" not in self._heard:
+            if time.monotonic() > ends:
+                return None
+            try:
+                more = process.link.recv(1 << 16)
+            except TimeoutError:
+                continue
+            if not more:
+                raise EOFError
+            self._heard += more
+        line, _, self._heard = self._heard.partition(b"\n")
+        return json.loads(line)
+
+    def _start(self) -> Process:
         engine_class(self.engine).prepare()
-        self._link, theirs = mp.Pipe()
-        words = Path(self._folder.name) / "words.txt"
-        self._process = OwnProcess(words, _work, theirs, self.engine)
-        theirs.close()
-        return self._link
+        self._heard = b""
+        self._process = Process(f"{__name__}:_work", {"engine": self.engine}, (__name__,))
+        return self._process
 
     def _end(self) -> None:
-        if self._link is not None:
+        if self._process is not None:
             self._process.kill()
-            self._link.close()
-            self._link = None
+            self._process = None
 
 
-def _work(link: Connection, engine: str) -> None:
-    """What the process does."""
+def _line(what: Any) -> bytes:
+    return json.dumps(what).encode() + b"\n"
+
+
+def _work(link: socket.socket, engine: str) -> None:
+    """What the process does, until the parent is gone."""
     cls = engine_class(engine)
-    while True:
-        try:
-            task, options, resolution = link.recv()
-        except EOFError:
-            return  # the parent is gone
-        try:
-            found = observe(cls, options, resolution, task, link.send)
-            link.send({"status": "done", "reason": "", **found})
-        except ERRORS as error:
-            reason = " ".join(str(error).split())[:LINE]
-            link.send({"status": "failed", "reason": f"{type(error).__name__}: {reason}"})
+    link.setblocking(True)
+
+    def tell(what: Any) -> None:
+        link.sendall(_line(what))
+
+    with link.makefile("rb") as jobs:
+        for job in jobs:
+            task, options, resolution = json.loads(job)
+            try:
+                found = observe(cls, options, resolution, Task(**task), tell)
+                tell({"status": "done", "reason": "", **found})
+            except ERRORS as error:
+                reason = " ".join(str(error).split())[:LINE]
+                tell({"status": "failed", "reason": f"{type(error).__name__}: {reason}"})

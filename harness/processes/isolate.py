@@ -1,60 +1,73 @@
-"""Every run of a replay in a live process of its own, so that a crash or a hang is a row.
+"""Every pass of a replay in a process of its own, so that a crash or a hang is a row.
 
-A *task* is a solver in an arm; a *block* is a recording at an accuracy.  One process per task is
-forked from a server (`harness.processes.forkserver`) when its first pass is due.  It waits,
-blocked, until it is told to do a pass; the parent tells one at a time and watches it.
+A *task* is a solver in an arm; a *block* is a recording at an accuracy.  A process is forked
+(`harness.processes.process`) for a pass, warmed up on other QPs than those that count, asked one QP
+at a time, and ended with the pass.  So one solver lives at a time, and what it learns in a pass
+serves no other one.
 
 1. **Time.** A solve beyond `hard_limit(time_limit)` is killed: verdict `timeout`.  The first solve
    of a process may take `FIRST_CALL` more, since packages import and compile on their first call.
-2. **Memory.** A process may have `memory_limit` beyond what it starts with.  What it is refused
-   shows as MemoryError or in what the package makes of it; beyond it, it is killed.  Either way
-   the verdict is `crashed`.
+2. **Memory.** A process, with all that it forks, may have `memory_limit` beyond what it starts
+   with.  What it is refused shows as MemoryError or in what the package makes of it; beyond it, it
+   is killed.  Either way the verdict is `crashed`.
 3. **Death.** Signals, exits and babble are `crashed`, with the signal's name and the last words on
-   stderr.  What was answered before is kept (`harness.processes.sheet`).
+   stderr.  What was answered before is kept: it is here.
 4. **Disturbances.** A process that dies before its first QP, and a time-out while this process
    stood still as well (a suspended machine), are not the solver's doing; a SIGKILL of it or of the
    server need not be.  The pass is done once more.  What is disturbed again is told as such
    (`DISTURBED`) and is not final; a second SIGKILL is taken for the solver's.
-5. The pass goes on with the next QP in a fresh process, which has no predecessor to start from.
-   After `MOST_LOST` losses the rest of the pass is given up.
-6. Processes that a backend has forked and not ended are killed after the pass: `crashed`.
+5. The pass goes on with the next QP in a fresh process (`harness.passes.measure`).
+6. Processes that a backend has forked and not ended are killed after the pass: `crashed`.  What it
+   has written is deleted, where it cannot write elsewhere (`harness.processes.confined`).
 
 What is not there: without /proc (macOS) memory is limited by `RLIMIT_AS` alone, which macOS does
 not heed, and what leaves its session is not found; without fork (Windows) there is no isolation,
-and `replay` runs in its own process.
+and passes are taken in our own process.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
+import signal
 import time
-from collections import OrderedDict
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from harness.passes.limits import WARM_UP, Limits, Pass, Task, hard_limit
-from harness.passes.measure import DISTURBED, Outcome
-from harness.passes.starts import after_restart, order_of
-from harness.processes.live_process import Loss, Process, Server, ServerLost, server
-from harness.processes.sheet import Layout, Sheet
+from harness.machine.threads import one_thread
+from harness.passes.bench import Nobody
+from harness.passes.clocks import Asking
+from harness.passes.limits import WARM_UP, Limits, Loss, Pass, Task, hard_limit
+from harness.passes.measure import Asked, Here, Reply, others, pose, take_pass
+from harness.passes.wire import (
+    LENGTH,
+    READY,
+    TOKEN,
+    TOLD,
+    Question,
+    answer_size,
+    outcome_of,
+    packed,
+)
+from harness.processes.process import WATCH, Process, ServerLost
 from harness.recordings.recording import Recording
+from problems.qp import ContactQP
+from solvers import make_solver
+from solvers.registry import BUILT_IN, target_of
 
 FIRST_CALL = 20.0
 """What the first solve of a process may take beyond the limit [s]."""
 STANDSTILL = 60.0
 """Longest that a process may take to get ready for a pass [s]."""
-WATCH = 0.1
-"""Seconds between two looks at a process that computes."""
-MOST_LOST = 3
-"""Processes that a pass may lose before the rest of it is given up."""
 STOOD_STILL = 1.0
 """Seconds longer than asked for that a wait takes only if this process stood still."""
-MOST_LIVE = 64
-"""Processes that may live at once.  One holds 10 to 20 MB of its own."""
 GIB = 2.0**30
+WORK = "harness.processes.measured:work"
+NO_ONE = "nobody"
+"""Name of the task of who answers at once."""
 
 
 def is_available() -> bool:
@@ -63,192 +76,260 @@ def is_available() -> bool:
 
 
 class Block:
-    """A recording at an accuracy, and the live processes that solve it.
+    """A recording at an accuracy, and passes over it.
 
-    path : where the recording is stored;  asked : accuracy of each QP in ‖A δx‖
-
-    Use it in a `with` statement: all processes end with it.
+    asked : accuracy of each QP in ‖A δx‖;  hidden : files and folders of the study
+    isolate : whether each pass has a process of its own, if the system can fork
     """
 
     def __init__(
-        self, recording: Recording, path: Path, asked: Sequence[float], limits: Limits
+        self,
+        recording: Recording,
+        asked: Sequence[float],
+        limits: Limits,
+        hidden: Iterable[Path] = (),
+        isolate: bool = True,
     ) -> None:
-        self._recording, self._path, self._asked = recording, path, list(asked)
-        self._limits, self._memory = limits, int(min(limits.memory * GIB, 2.0**60))
-        self._layout = Layout([qp.k for qp in recording.qps])
-        self._alone = after_restart(recording.qps)
-        self._live: OrderedDict[Task, Process] = OrderedDict()
-        self._server: Server | None = None
-        self._sheet: Sheet  # together with the server
-        self._stood_still = False
+        self._references, self._limits = recording.references, limits
+        self._posed = pose(recording.qps, asked)
+        self._hidden, self._isolate = list(hidden), isolate and is_available()
+        self._asking: dict[str, Asking] = {}
 
-    def __enter__(self) -> Block:
-        return self
-
-    def __exit__(self, error: object, *_: object) -> None:
-        if self._server is None:
-            return
-        if error is not None:
-            self._server.close()  # whatever was going on, it ends
-        for process in self._live.values():
-            process.kill()
-        for process in self._live.values():
-            process.wait()
-        self._live.clear()
-        self._sheet.close()
-
-    def do_pass(self, task: Task, advance: Callable[[int], None]) -> Pass:
-        """Let the process of `task` do a pass; one that is not there is started and warmed up.
+    def do_pass(self, task: Task, advance: Callable[[int], None] = lambda count: None) -> Pass:
+        """A pass of a task; once more where it is disturbed.
 
         advance : told now and then how many more QPs are done
 
         Raises IsolationError where no process can be started, and OSError on a full disk.
         """
-        done = self._try_pass(task, advance, again=False)
-        if done.is_final:
-            return done
-        return self._try_pass(task, lambda _: None, again=True)
+        done = self._take(task, advance, again=False)
+        return done if done.is_final else self._take(task, lambda count: None, again=True)
 
-    def _try_pass(self, task: Task, advance: Callable[[int], None], again: bool) -> Pass:
-        """A trial of a pass, which ends where it is disturbed; `again`: the second one."""
-        count, order = self._layout.count, order_of(task.arm, self._layout.count)
-        outcomes: dict[int, Outcome] = {}
-        times = np.full((count, 4), np.nan)
-        lost: list[int] = []
-        first, self._stood_still = 0, False
-        while first < count:
-            loss = self._go_on(task, first, advance, warm_up=not lost)
-            answered = self._sheet.read()
-            for i, (outcome, seconds) in answered.items():
-                outcomes[i], times[i] = outcome, seconds
-            if loss is None:
-                break
-            first = max(self._sheet.position(), first)
-            index = order[first]
-            if loss.blame == "outside" or (loss.blame == "unknown" and not again):
-                outcomes.pop(index, None)
-                self._fill(outcomes, order[first:], loss.verdict, DISTURBED + loss.text)
-                break
-            if loss.text or index not in answered:
-                outcomes[index] = self._lost(index, loss.verdict, loss.text)
-            if index not in answered:
-                times[index, 3] = loss.seconds
-            lost.append(index)
-            first += 1
-            if len(lost) == MOST_LOST:
-                text = f"not tried: {MOST_LOST} processes were lost in this pass"
-                self._fill(outcomes, order[first:], loss.verdict, text)
-                break
-        self._fill(outcomes, order, "crashed", "has left no outcome")
-        if self._stood_still:
-            for i, outcome in outcomes.items():
-                if outcome.verdict == "timeout":
-                    text = f"{DISTURBED}the machine stood still; {outcome.status_text}"
-                    outcomes[i] = replace(outcome, status_text=text)
-        return Pass([outcomes[i] for i in range(count)], times, lost)
+    def asking(self, arm: str, again: bool = False) -> Asking:
+        """What asking takes by itself; `again`: measured once more."""
+        if again or arm not in self._asking:
+            done = self.do_pass(Task(NO_ONE, (), arm))
+            self._asking[arm] = Asking.of(done.times, self._asking.get(arm))
+        return self._asking[arm]
 
-    def _lost(self, index: int, verdict: str, text: str) -> Outcome:
-        return Outcome(verdict, status_text=text, after_restart=bool(self._alone[index]))
+    def _take(self, task: Task, advance: Callable[[int], None], again: bool) -> Pass:
+        asked: Asked
+        if self._isolate:
+            asked = Apart(task, self._limits, self._posed, self._hidden)
+        else:
+            asked = here(task, self._posed)
+        with one_thread(), contextlib.closing(asked):
+            return take_pass(
+                asked,
+                self._posed,
+                task.arm,
+                references=self._references,
+                time_limit=self._limits.time,
+                advance=advance,
+                again=again,
+            )
 
-    def _fill(
-        self, outcomes: dict[int, Outcome], which: Sequence[int], verdict: str, text: str
+
+def here(task: Task, qps: Sequence[ContactQP]) -> Here:
+    """A task in our own process, warmed up."""
+    made = make_solver(task.solver, **dict(task.options)) if task.solver != NO_ONE else Nobody()
+    asked, ends = Here(made, task.arm), time.monotonic() + WARM_UP
+    for number, qp in enumerate(others(qps)):
+        asked.ask(Question(number, qp, fresh=not number))
+        if time.monotonic() > ends:
+            break
+    return asked
+
+
+class Apart(Asked):
+    """A task in a process of its own; the next one where it is lost.
+
+    qps : that it is asked, for others like them to warm up on;  hidden : what it may not read
+    """
+
+    def __init__(
+        self, task: Task, limits: Limits, qps: Sequence[ContactQP], hidden: Sequence[Path]
     ) -> None:
-        """Give those of `which` that have no outcome this one."""
-        for i in which:
-            outcomes.setdefault(i, self._lost(i, verdict, text))
+        super().__init__()
+        self._limits, self._qps = limits, qps
+        self._memory = int(min(limits.memory * GIB, 2.0**60))
+        target = "" if task.solver == NO_ONE else target_of(task.solver)
+        self._ahead = [WORK.partition(":")[0]]
+        if target in BUILT_IN.values():
+            self._ahead.append(target.partition(":")[0])
+        self._arguments: dict[str, Any] = {
+            "solver": task.solver,
+            "target": target,
+            "options": dict(task.options),
+            "arm": task.arm,
+            "memory_limit": self._memory,
+            "hidden": [str(path) for path in hidden],
+        }
+        self._process: Process | None = None
+        self._asked_last: tuple[int, float] | None = None
+        self._lost = self._called = False
 
-    def _go_on(
-        self, task: Task, first: int, advance: Callable[[int], None], warm_up: bool
-    ) -> Loss | None:
-        """Do the pass from position `first`, as far as one process gets; its loss, or None.
-
-        If the process is lost as it warms up, what it has answered counts.
-        """
+    def ask(self, question: Question) -> Reply:
         try:
-            process = self._process(task)
-            loss = None
-            if process.fresh and warm_up:
-                loss = self._watch(process, first, WARM_UP, lambda _: None)
-            if loss is None:
-                loss = self._watch(process, first, None, advance)
+            process = self._process or self._begin(warm_up=not self._lost)
+            reply = self._ask(process, question)
+        except _Lost as lost:
+            loss = lost.loss
         except ServerLost:
-            self._live.clear()
-            return Loss("crashed", "the server of all processes is gone", blame="unknown")
-        if loss is not None:
-            del self._live[task]
-            process.kill()
-            process.wait()
-        return loss
+            loss = Loss("crashed", "the server of all processes is gone", blame="unknown")
+        else:
+            if reply.loss is None:
+                return reply
+            self._lose()
+            return reply
+        self._lose()
+        return Reply(None, (np.nan,) * len(TOLD), (loss.seconds, 0.0), loss)
 
-    def _process(self, task: Task) -> Process:
-        """The live process of `task`; a fresh one if there is none."""
-        self._load()
-        assert self._server is not None
-        process = self._live.pop(task, None)
-        if process is None or not process.is_alive:
-            if len(self._live) >= MOST_LIVE:
-                _, oldest = self._live.popitem(last=False)
-                oldest.kill()
-                oldest.wait()
-            process = Process(self._server, task, self._memory)
-        self._live[task] = process
+    def end(self) -> Loss | None:
+        process = self._process
+        if process is None:
+            return None
+        self._count_cpu(process, None)
+        extra = process.cpu_of_forks() / max(len(self.cpu), 1)
+        self.cpu = {number: seconds + extra for number, seconds in self.cpu.items()}
+        if left := process.end_forks():
+            return Loss("crashed", f"left processes of its own behind: {left}")
+        process.link.setblocking(False)
+        with contextlib.suppress(OSError):
+            if process.link.recv(1):
+                return BABBLED
+        return None
+
+    def close(self) -> None:
+        """End the process."""
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+
+    def _lose(self) -> None:
+        self._lost, self._asked_last = True, None
+        self.close()
+
+    def _begin(self, warm_up: bool) -> Process:
+        """Start a process and warm it up; if it is lost over that, one that is not.
+
+        Raises _Lost where it does not get ready.
+        """
+        process = self._process = Process(WORK, self._arguments, self._ahead)
+        self._called = False
+        try:
+            answer, *_ = self._exchange(process, b"", len(READY), STANDSTILL)
+        except _TooLarge:
+            raise
+        except _Lost as lost:
+            loss = lost.loss
+            blame = "outside" if loss.verdict == "crashed" else loss.blame
+            loss = loss._replace(text=f"before its first QP: {loss.text}", blame=blame)
+            raise _Lost(loss) from None
+        if answer != READY:
+            raise _Lost(BABBLED)
+        if warm_up:
+            try:
+                self._warm_up(process)
+            except _Lost:
+                self.close()
+                return self._begin(warm_up=False)
         return process
 
-    def _load(self) -> None:
-        """See to it that there is a server and that it has this block."""
-        current = server()
-        if current is self._server:
-            return
-        if self._server is not None:
-            self._live.clear()
-            self._sheet.close()
-        self._sheet = Sheet(current.folder / "sheet", self._layout)
-        self._server = current
-        current.order(
-            "load",
-            recording=str(self._path.resolve()),
-            digest=self._recording.digest,
-            asked=self._asked,
-            sheet=str(self._sheet.path),
-            time_limit=self._limits.time,
-        )
-        current.await_event("loaded")
+    def _warm_up(self, process: Process) -> None:
+        ends = time.monotonic() + WARM_UP
+        for number, qp in enumerate(others(self._qps)):
+            if self._ask(process, Question(number, qp, fresh=not number)).loss is not None:
+                raise _Lost(BABBLED)
+            if time.monotonic() > ends:
+                break
+        self._asked_last = None
+        self.cpu.clear()
 
-    def _watch(
-        self, process: Process, first: int, budget: float | None, advance: Callable[[int], None]
-    ) -> Loss | None:
-        """Let a process go on with a pass from `first`, until it ends, or is to be ended."""
-        assert self._server is not None
-        clock, limit = time.monotonic, hard_limit(self._limits.time)
-        token = os.urandom(8).hex()
-        self._sheet.clear()
-        self._server.order("pass", pid=process.pid, first=first, budget=budget, token=token)
-        position, moved = -1, clock()
-        while True:
-            before = clock()
-            event = self._server.event(WATCH)
-            waited = clock() - before
-            if waited > WATCH + STOOD_STILL:
-                self._stood_still = True
-                moved += waited
-            if event is not None and event["pid"] == process.pid:
-                process.fresh = False
-                loss = process.loss_of(event)
-                if event["is"] == "dead" and loss is not None and self._sheet.position() < 0:
-                    text = f"before its first QP: {loss.text}"
-                    loss = loss._replace(text=text, blame="outside")
-                return loss
-            now = self._sheet.position()
-            if now != position:
-                advance(now - max(position, first))
-                position, moved = now, clock()
-            allowed = STANDSTILL if position < 0 else limit
-            if process.fresh and position == first:
-                allowed += FIRST_CALL
-            if clock() - moved > allowed:
-                text = f"killed: not back after {allowed:g} s"
-                return Loss("timeout", text + process.words.last(), clock() - moved)
-            if process.memory() > self._memory:
-                text = f"killed: it took more than {self._limits.memory:g} GiB of memory"
-                return Loss("crashed", text + process.words.last())
-            process.words.trim()
+    def _ask(self, process: Process, question: Question) -> Reply:
+        message = packed(question)
+        limit = hard_limit(self._limits.time) + FIRST_CALL * (not self._called)
+        self._count_cpu(process, question.number)
+        framed = len(message).to_bytes(LENGTH, "little") + message
+        answer, seen, still = self._exchange(process, framed, answer_size(question.qp.k), limit)
+        self._called = True
+        if answer[:TOKEN] != message[:TOKEN]:
+            raise _Lost(BABBLED)
+        outcome, told = outcome_of(answer)
+        loss = Loss("crashed", "") if outcome.verdict == "crashed" else None
+        return Reply(outcome, told, seen, loss, still)
+
+    def _count_cpu(self, process: Process, number: int | None) -> None:
+        """QP `number` is about to be asked: what was used since the last one is that one's."""
+        now = process.cpu()
+        if self._asked_last is not None:
+            last, before = self._asked_last
+            self.cpu[last] = now - before
+        self._asked_last = None if number is None else (number, now)
+
+    def _exchange(
+        self, process: Process, message: bytes, size: int, limit: float
+    ) -> tuple[bytes, tuple[float, float], bool]:
+        """Send a message and read `size` bytes; also [s] that it took and were waited, and whether
+        the machine stood still.
+
+        Raises _Lost if that takes longer than `limit` [s], or the process is lost.
+        """
+        clock, rest, answer = time.perf_counter, memoryview(message), bytearray(size)
+        got, still = 0, 0.0
+        before = waited(process.pid)
+        began = now = clock()
+        while got < size:
+            try:
+                if rest:
+                    rest = rest[process.link.send(rest) :]
+                elif more := process.link.recv_into(memoryview(answer)[got:]):
+                    got += more
+                else:
+                    raise _Lost(_loss_of(process))
+            except TimeoutError:
+                self._look_at(process)
+            except OSError:
+                raise _Lost(_loss_of(process)) from None
+            then, now = now, clock()
+            if now - then > WATCH + STOOD_STILL and got < size:
+                still += now - then
+            if got < size and now - began - still > limit:
+                text = f"killed: not back after {limit:g} s" + process.words.last()
+                raise _Lost(Loss("timeout", text, now - began))
+        return bytes(answer), (now - began, waited(process.pid) - before), still > 0
+
+    def _look_at(self, process: Process) -> None:
+        """Raises _Lost where a process that is waited for has taken too much."""
+        process.words.trim()
+        if process.memory() > self._memory:
+            text = f"killed: it took more than {self._limits.memory:g} GiB of memory"
+            raise _TooLarge(Loss("crashed", text + process.words.last()))
+
+
+BABBLED = Loss("crashed", "wrote into the pipe to its parent")
+
+
+class _Lost(Exception):
+    def __init__(self, loss: Loss) -> None:
+        self.loss = loss
+
+
+class _TooLarge(_Lost):
+    """Whenever it is found, it is the solver's doing."""
+
+
+def _loss_of(process: Process) -> Loss:
+    """Why a process has closed its end of the link."""
+    code, text = process.cause_of_death()
+    # who is short of memory kills with this signal, too
+    return Loss("crashed", text, blame="unknown" if code == -signal.SIGKILL else "solver")
+
+
+def waited(pid: int) -> float:
+    """[s] that this thread and a process have waited for a processor, as far as is told."""
+    seconds = 0.0
+    for which in ("thread-self", pid):
+        with contextlib.suppress(OSError, IndexError):
+            seconds += 1e-9 * int(Path(f"/proc/{which}/schedstat").read_bytes().split()[1])
+    return seconds

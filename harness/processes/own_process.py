@@ -9,124 +9,51 @@ A crash or a hang then costs what the process did, and no more.  All of ours sha
 2. `Words`.  The last lines in that file explain a death.
 3. `kill_family`.  Whatever it has forked ends with it.
 
-Closed loops and peers use `OwnProcess`: multiprocessing's fork server, which has imported once what
-they need, starts a guard, which forks the process itself and ends with it.  A replay's processes
-share a recording besides, which their own server has read (`harness.processes.forkserver`).
+`harness.processes.forkserver` forks them, for replays, closed loops, engines and plug-ins.
 """
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
-import multiprocessing as mp
 import os
 import signal
 import sys
-import threading
-from collections.abc import Callable, Iterable
+import tempfile
+from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
-from typing import Any, NoReturn
 
 import psutil
 
 from harness.machine.threads import ask_for_one_thread
 
 PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36
+WORDS = "words"
+"""File in its folder that a process prints into."""
 KEPT = 1 << 20
 """Bytes of what a process prints that are kept."""
+NEW_TASKS = 256
+"""Processes and threads that may be added to the user's."""
 LINES, LENGTH = 3, 100
 """Last words: so many lines of so many characters at most."""
 TAIL = 4096
 """Bytes that last words are looked for in."""
 
 
-class OwnProcess:
-    """A process that calls `work(*arguments)`, a function of a module.
-
-    words : file for what it prints
-
-    Where the system cannot fork, it is started from nothing.
-    """
-
-    def __init__(self, words: Path, work: Callable[..., None], *arguments: Any) -> None:
-        self._words = Words(words)
-        context: Any = mp.get_context(start_method())
-        if start_method() == "forkserver":
-            context.set_forkserver_preload([work.__module__])
-        self._process = context.Process(target=_run, args=(words, work, arguments), daemon=True)
-        self._process.start()
-
-    @property
-    def sentinel(self) -> int:
-        """What `multiprocessing.connection.wait` takes; ready when the process is dead."""
-        return int(self._process.sentinel)
-
-    @property
-    def is_alive(self) -> bool:
-        """Whether it is still there."""
-        return bool(self._process.is_alive())
-
-    def kill(self) -> None:
-        """Kill it with its family, and wait until it is dead."""
-        if self.is_alive:
-            kill_family(self._process.pid)
-        self._process.join()
-
-    def cause_of_death(self) -> str:
-        """Why it has ended, with its last words; it waits for that."""
-        self._process.join()
-        return cause_of_death(self._process.exitcode) + self._words.last()
-
-
-def start_method() -> str:
-    """The way of multiprocessing in which processes start here."""
-    return "forkserver" if "forkserver" in mp.get_all_start_methods() else "spawn"
-
-
-def _run(words: Path, work: Callable[..., None], arguments: tuple[Any, ...]) -> None:
-    """What a process does: it begins, and works under a guard, where the system can fork."""
-    begin(words)
-    if hasattr(os, "fork") and (worker := os.fork()):
-        _guard(worker)
-    prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-    work(*arguments)
-
-
-def _guard(worker: int) -> NoReturn:
-    """Wait until the worker is dead, kill what it has left behind, and end as it did.
-
-    When who has started us is gone the worker is killed, whatever it does: the fork server lives on
-    as long as its children, so that nobody else would.
-    """
-    starter = mp.parent_process()
-    assert starter is not None
-
-    def watch() -> None:
-        starter.join()
-        kill_family(worker)
-
-    threading.Thread(target=watch, daemon=True).start()
-    code = os.waitstatus_to_exitcode(os.waitpid(worker, 0)[1])
-    while left := family(os.getpid()):
-        kill(left)
-    if code < 0:
-        with contextlib.suppress(OSError):  # SIGKILL has no handler
-            signal.signal(-code, signal.SIG_DFL)
-        os.kill(os.getpid(), -code)
-    os._exit(code)
-
-
-def begin(words: Path) -> None:
+def begin(folder: Path) -> None:
     """Become a process of our own, as the module says; first of all in a fresh one.
 
-    words : file for what it prints
+    folder : for what it prints (`WORDS`), its temporary files and its caches
     """
     if hasattr(os, "setsid"):
         os.setsid()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends it
     prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     prctl(PR_SET_CHILD_SUBREAPER, 1)
-    _redirect(words)
+    _redirect(folder / WORDS)
+    os.environ |= dict.fromkeys(("TMPDIR", "HOME", "XDG_CACHE_HOME"), str(folder))
+    tempfile.tempdir = None
     ask_for_one_thread()
     with contextlib.suppress(ImportError):  # Windows
         import resource
@@ -135,6 +62,36 @@ def begin(words: Path) -> None:
     if sys.platform == "linux":
         with contextlib.suppress(OSError):
             Path("/proc/self/oom_score_adj").write_text("1000")
+
+
+def limit(memory: int) -> None:
+    """Limit what this process may take: `memory` [bytes] beyond what it has (`RLIMIT_AS`, which
+    macOS does not heed), and new processes and threads (`RLIMIT_NPROC`, which root need not)."""
+    if sys.platform == "linux":
+        _lower("RLIMIT_AS", psutil.Process().memory_info().vms + memory)
+    if hasattr(os, "getuid") and os.getuid() != 0:
+        _lower("RLIMIT_NPROC", tasks_of_user() + NEW_TASKS)
+
+
+def _lower(name: str, value: int) -> None:
+    """Set a limit, unless a lower one is there."""
+    import resource
+
+    which = getattr(resource, name)
+    _, most = resource.getrlimit(which)
+    if most == resource.RLIM_INFINITY or value < most:
+        resource.setrlimit(which, (value, value))
+
+
+@cache
+def tasks_of_user() -> int:
+    """Processes and threads of the user, as they were when first asked for."""
+    count = 0
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.Error):
+            if process.uids().real == os.getuid():
+                count += process.num_threads()
+    return count
 
 
 def _redirect(words: Path) -> None:
@@ -196,9 +153,20 @@ def cause_of_death(code: int) -> str:
 
 def family(pid: int, recursive: bool = True) -> set[psutil.Process]:
     """What a process has forked, and what that has forked and so on, as far as it lives."""
+    found: set[psutil.Process] = set()
     with contextlib.suppress(psutil.Error):
-        return set(filter(_lives, psutil.Process(pid).children(recursive)))
-    return set()
+        if not _may_have_forked(pid):
+            return found
+        found.update(filter(_lives, psutil.Process(pid).children(recursive)))
+    return found
+
+
+def _may_have_forked(pid: int) -> bool:
+    """False where Linux says that it has no child; psutil looks at all processes there are."""
+    try:
+        return any(path.read_text() for path in Path(f"/proc/{pid}/task").glob("*/children"))
+    except OSError:
+        return True
 
 
 def _lives(process: psutil.Process) -> bool:

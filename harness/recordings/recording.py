@@ -17,8 +17,8 @@ generators V.  In Python:
         A = file["qps/A_data"][start : start + m[i] * k[i]].reshape(m[i], k[i])
 
 Attributes of the file: `format`, `version`, `scene` (label), `parameters` (JSON), `eps`, `gravity`
-[m/s²], `code_version` and `digest`; attributes of the group `counts`: the stepper's work counts.
-Texts are UTF-8 of fixed length, which h5py shows as bytes.
+[m/s²] (NaN where they are not known), `code_version` and `digest`; attributes of the group
+`counts`: the stepper's work counts.  Texts are UTF-8 of fixed length, which h5py shows as bytes.
 
 The digest is the sha256 of names, types, shapes and bytes of all datasets and of all attributes but
 `digest` and `code_version`: two versions of the code that pose the same QPs make recordings that
@@ -93,7 +93,7 @@ class Recording(Short):
     """All QPs of one run in solve order, with the answers of the stepper and of the oracle.
 
     scene : label, such as "fig4,mu_I=0.8";  parameters : everything that was chosen
-    eps, gravity : of the run;  code_version : of the code that made it
+    eps, gravity : of the run, NaN where nobody knows;  code_version : of the code that made it
     qps, solutions, references : one each per QP; a reference that was not accepted is None
     mu : for each QP (k,), the friction coefficient of a tangent row's contact; 0 elsewhere
     polygons : for each body its convex polygons, (c, 2) corners in body coordinates [m]
@@ -172,8 +172,8 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
     attributes, arrays, counts = read_file(path, wrong)
     header = {name: attributes[name] for name in HEADER}
     for name in ("eps", "gravity"):
-        if not np.isfinite(header[name]):
-            raise wrong(name, f"is {header[name]}; it must be finite")
+        if np.isinf(header[name]):
+            raise wrong(name, f"is {header[name]}; it must be finite, or NaN where it is not known")
     _check_label(header["scene"], wrong)
     if _digest(arrays, header, counts) != attributes["digest"]:
         raise wrong("digest", "the content does not match it: the file was damaged or altered")

@@ -31,8 +31,9 @@ import pyarrow.parquet as pq
 from harness.files.folder_lock import sole_writer
 from harness.files.sealed_parquet import check_layout, parquet_bytes, read_parquet, said_of_itself
 from harness.files.whole_files import write_whole
-from harness.machine.machine import machine_label, problems_version, solver_version, source_hash
+from harness.machine.machine import machine_label, problems_version, source_hash
 from harness.names import METHOD
+from harness.processes.introduction import solver_version
 from harness.progress import Progress
 from harness.results.shard_file import StoreError, refuse_other
 from problems.kernels.sources import sources

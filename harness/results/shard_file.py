@@ -35,17 +35,17 @@ from harness.judging.physics import MEASURES
 from harness.results.shard_values import check_key, check_rows, check_times
 from problems.qp import WorkCounts
 
-FORMAT_VERSION = 3
-TIMES = ("build_time", "setup_time", "solve_time", "call_time", "pace")
-"""Columns of `Shard.passes` [s]; pace is what `harness.machine.calibration` took before the
-pass."""
+FORMAT_VERSION = 4
+TIMES = ("build_time", "setup_time", "solve_time", "call_time", "charged_time", "pace")
+"""Columns of `Shard.passes` [s]; charged is what was seen and not told (`harness.passes.clocks`),
+pace what `harness.machine.calibration` took before the pass."""
 
 COLUMNS: dict[str, pa.DataType] = {
     # the first eight are qpbenchmark's
     "problem": pa.string(),  # scene/000123
     "solver": pa.string(),
     "settings": pa.string(),  # paper, high, default or a number
-    "runtime": pa.float64(),  # setup + solve [s], minimum over the passes
+    "runtime": pa.float64(),  # setup + solve + charged [s], minimum over the passes
     "found": pa.bool_(),  # the solver's claim
     "primal_residual": pa.float64(),
     "dual_residual": pa.float64(),
@@ -69,6 +69,8 @@ COLUMNS: dict[str, pa.DataType] = {
     "setup_time": pa.float64(),
     "solve_time": pa.float64(),
     "call_time": pa.float64(),
+    "charged_time": pa.float64(),  # part of runtime that was seen from outside and not told
+    "believed": pa.bool_(),  # whether runtime is what was told, and no more is charged
     "pace": pa.float64(),
     "runtime_median": pa.float64(),
     "iterations": pa.int64(),
@@ -94,7 +96,7 @@ COLUMNS: dict[str, pa.DataType] = {
 """One row per QP, in order."""
 
 FROM_KEY = ("scene", "recording_digest", "solver", "settings", "arm", "machine", "versions")
-FROM_PASSES = ("runtime", "runtime_median", "repeats", *TIMES)
+FROM_PASSES = ("runtime", "runtime_median", "repeats", "believed", *TIMES)
 TEXTS = tuple(name for name, kind in COLUMNS.items() if kind == pa.string())
 TEXT_LIMIT = 2000
 """Longest text in a row [bytes]; longer ones are cut when they are written."""
@@ -148,7 +150,7 @@ class Shard:
     """Rows of one (recording, solver, setting, arm).
 
     rows : one mapping per QP; what comes from the key and the passes is left out
-    passes : (passes, n, 5) seconds, columns `TIMES`; NaN where nothing was run
+    passes : (passes, n, 6) seconds, columns `TIMES`; NaN where nothing was run
     study : which study it belongs to
     """
 
@@ -207,7 +209,8 @@ def read_shard(path: Path) -> StoredShard:
         if rows[name].unique().to_pylist() not in ([], [getattr(key, name)]):
             raise wrong(f"column {name} contradicts the key of the file")
     for name, column in summarise(passes).items():
-        if not np.array_equal(rows[name].to_numpy(), column, equal_nan=True):
+        stored = rows[name].to_numpy().astype(column.dtype)
+        if not np.array_equal(stored, column, equal_nan=column.dtype.kind == "f"):
             raise wrong(f"column {name} contradicts the times of the passes")
     check_rows(key.scene, rows, wrong)
     check_times(passes, rows, wrong)
@@ -246,15 +249,18 @@ def _check_columns(file: pq.ParquetFile, size: int, wrong: Wrong) -> int:
 
 
 def runtimes(passes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(passes, n) of (passes, n, times): setup + solve, or the whole call where those are NaN."""
-    own = passes[:, :, TIMES.index("setup_time")] + passes[:, :, TIMES.index("solve_time")]
+    """(passes, n) of (passes, n, times): setup + solve and what is charged beside; or the whole
+    call where those are NaN."""
+    parts = [TIMES.index(name) for name in ("setup_time", "solve_time", "charged_time")]
+    own = passes[:, :, parts].sum(axis=2)
     return np.where(np.isnan(own), passes[:, :, TIMES.index("call_time")], own)
 
 
 def summarise(passes: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
-    """Columns `FROM_PASSES` of (passes, n, 5) times: the fastest pass of each QP, and the median.
+    """Columns `FROM_PASSES` of (passes, n, 6) times: the fastest pass of each QP, and the median.
 
-    runtime is setup + solve; where those are unknown (a solve that raised) it is the whole call.
+    runtime is setup + solve + charged; where those are unknown (a solve that raised) it is the
+    whole call.
     """
     count, n, _ = passes.shape
     runtime = runtimes(passes)
@@ -264,6 +270,8 @@ def summarise(passes: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
         "runtime": runtime[best, np.arange(n)],
         "runtime_median": np.median(runtime, axis=0),
         "repeats": np.full(n, count),
+        "believed": np.isfinite(fastest[:, TIMES.index("setup_time")])
+        & (fastest[:, TIMES.index("charged_time")] == 0.0),
     }
     columns.update({name: fastest[:, j] for j, name in enumerate(TIMES)})
     return columns

@@ -36,6 +36,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, stats
 
+from harness.names import METHOD, is_own
+
 SURE = 0.95
 """Share of the comparisons in which all intervals hold."""
 STRETCH = 10
@@ -64,8 +66,8 @@ class ComparedRun:
 
     @property
     def package(self) -> str:
-        """What it shares its code with: variants have the name of the method."""
-        return self.solver.partition("[")[0]
+        """What it shares its code with: our method and the paper's, and their variants, are one."""
+        return METHOD if is_own(self.solver) else self.solver.partition("[")[0]
 
 
 class Ratio(NamedTuple):

@@ -26,15 +26,15 @@ import scipy.sparse as sp
 
 from harness.judging.judge import judge
 from harness.judging.oracle import reference
-from harness.machine.machine import solver_version
 from harness.motions.run_physics import physics_of
 from harness.passes.starts import ARMS
+from harness.processes.introduction import about
+from harness.recordings.of_qps import recording_from
 from harness.recordings.recording import Recording, RecordingError, read_recording, write_recording
 from harness.study.record import record, recording_of
 from harness.study.replay import replay
 from problems import ContactQP, simulate
 from problems import scene as make_scene
-from problems.qp import Solution, Status
 from problems.scenes import Scene
 from problems.scenes.labels import parse_label
 from solvers import make_solver
@@ -63,8 +63,10 @@ def check_solver(name: str) -> Iterator[Finding]:
 
     Raises ValueError for an unknown name and ImportError where its package is absent.
     """
-    make_solver(name)
-    yield Finding("is there", True, solver_version(name))
+    known = about(name)
+    yield Finding("is there", not known.broken, known.reason or known.version)
+    if known.broken:
+        return
     for scene, until in SCENES:
         rows = _replayed(record(_scene(scene), until=until), name)
         for arm, part in rows.groupby("arm"):
@@ -75,7 +77,7 @@ def check_solver(name: str) -> Iterator[Finding]:
             words = f"{len(worse)} QPs are worse, first {worse[0]}" if len(worse) else "yes"
             yield Finding(f"is as right warm as cold, {scene}", not len(worse), words)
     odd = odd_qps()
-    posed = _recording_of(list(odd.values()))
+    posed = recording_from(list(odd.values()), "odd QPs")
     rows, again = (_replayed(posed, name, ("cold",)).sort_values("step") for _ in range(2))
     for kind, (_, row) in zip(odd, rows.iterrows(), strict=True):
         yield _verdicts(f"solves {kind}", row.to_frame().T)
@@ -104,32 +106,6 @@ def odd_qps() -> dict[str, ContactQP]:
     }
 
 
-def _recording_of(qps: Sequence[ContactQP]) -> Recording:
-    """A recording of QPs without a motion."""
-    none = np.zeros((0, 0, 3))
-    return Recording(
-        scene="odd QPs",
-        parameters={},
-        eps=1e-3,
-        gravity=0.0,
-        code_version="",
-        qps=tuple(qps),
-        solutions=tuple(_no_answer(qp) for qp in qps),
-        references=tuple(reference(qp) for qp in qps),
-        mu=tuple(np.zeros(qp.k) for qp in qps),
-        polygons=(),
-        t=np.zeros(0),
-        q=none,
-        v=none,
-        events=(),
-        counts={},
-    )
-
-
-def _no_answer(qp: ContactQP) -> Solution:
-    return Solution(None, qp.row_id, Status.FAILED, working_set=np.zeros(qp.k, np.int8))
-
-
 def _replayed(made: Recording, name: str, arms: Sequence[str] = ARMS) -> pd.DataFrame:
     return replay(made, [name], ("high",), arms, repeats=1, time_limit=TIME_LIMIT)
 
@@ -155,7 +131,7 @@ def check_scene(label: str, until: float | None = None) -> Iterator[Finding]:
     yield Finding("is there", True, f"{len(scene.bodies)} bodies, called {scene.label}")
     same = np.array_equal(scene.q0, again.q0) and np.array_equal(scene.v0, again.v0)
     yield Finding("is made alike twice", same, "yes" if same else "no: give its chance a seed")
-    solver = make_solver("lotstedt")
+    solver = make_solver("glambda")
     run = simulate(scene, solver, until=until)
     yield Finding("moves", True, f"to t = {run.t[-1]:g} s in {run.counts['steps']} steps")
     found = physics_of(run)

@@ -32,15 +32,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import pandas as pd
 
 from harness.judging.facts import setting_names
-from harness.machine.machine import problems_version, solver_version
+from harness.machine.machine import problems_version
 from harness.passes.limits import MEMORY_LIMIT, TIME_LIMIT
-from harness.passes.starts import has_arm
-from harness.processes.live_process import server
+from harness.processes.introduction import about, solver_version
+from harness.processes.process import server
 from harness.progress import Progress
 from harness.recordings.recording import Recording, read_recording
 from harness.results.store import ShardKey, Store, read_results
 from harness.study.replay import is_done, replay
-from solvers.registry import solver_class
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -222,7 +221,7 @@ def _keys(
         )
         for solver in job.solvers
         for arm in arms
-        if has_arm(solver_class(solver), arm)
+        if arm in about(solver).arms or about(solver).broken
     ]
 
 

@@ -61,7 +61,7 @@ def recording_in(
     how: Mapping[str, Any],
     make: Callable[[], Recording],
 ) -> Recording:
-    """The recording by the paper's method from RESULTS/recordings, `folder`, or else by `make`.
+    """The recording by our method from RESULTS/recordings, `folder`, or else by `make`.
 
     how : see `how_run`
 

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from harness.judging.oracle import reference
-from harness.machine.machine import problems_version, solver_version
+from harness.machine.machine import problems_version
 from harness.names import METHOD
+from harness.processes.introduction import solver_version
 from harness.progress import Progress
 from harness.recordings.recording import Recording
 from problems import simulate
@@ -33,7 +34,7 @@ def record(
     """Simulate `scene` and return the recording of its QPs.
 
     scene : a `problems.Scene`
-    solver : drives the simulation; default: the paper's method
+    solver : drives the simulation; default: our method, `METHOD`
     eps, until, options : handed to `problems.simulate`; default: the scene's own
     progress : called with "simulate" (seconds of motion) and "reference" (QPs)
     """

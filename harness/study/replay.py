@@ -5,12 +5,12 @@ For each recording and each accuracy setting:
 1. Pose the QPs with the accuracy of the setting; know their rank, scale and reference.
 2. Line up the runs: each solver in each arm that it has (`harness.passes.starts`).
 3. Go round all runs, one pass each, and round again until each has its repeats: what drifts on the
-   machine drifts for all.  Each run lives in a process of its own (`harness.processes.isolate`).  A
-   short warm-up comes before its first pass.  A run whose pass takes more than `slow_pass` seconds
-   is not repeated, nor is one that has cost a process.
-4. The first pass is judged; the others only add times, unless they cost a process: that is the
-   verdict of the QP then.  A solver's own clock is believed within bounds (`measure.believed`).
-   Every finished pass is stored at once.
+   machine drifts for all.  Each pass has a process of its own (`harness.processes.isolate`), which
+   is warmed up before.  A run whose pass takes more than `slow_pass` seconds is not repeated, nor
+   is one that has cost a process.
+4. Every pass is judged: a row is that of its worst.  What a solver tells of its times is held
+   against what is seen of them (`harness.passes.clocks`).  Every finished pass is stored at once.
+5. In the end every shard is what was stored; one that somebody has altered is written anew.
 
 A folder that holds some of it already is continued where it stopped (`harness.results.store`).
 """
@@ -19,8 +19,8 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -31,34 +31,45 @@ import pandas as pd
 from harness.judging.facts import Facts, facts_of, setting_name, setting_names
 from harness.judging.judge import Judgement, judge
 from harness.machine.calibration import calibrate
-from harness.machine.machine import machine_label, solver_version
-from harness.passes.limits import MEMORY_LIMIT, TIME_LIMIT, Limits, Pass, hard_limit
-from harness.passes.measure import Outcome, believed, pose, run_pass
-from harness.passes.starts import ARMS, has_arm
-from harness.processes.in_process import InProcess
-from harness.processes.isolate import Block, Task, is_available
+from harness.machine.machine import machine_label
+from harness.passes.clocks import Asking, counted
+from harness.passes.limits import MEMORY_LIMIT, TIME_LIMIT, Limits, Pass, Task, hard_limit
+from harness.passes.measure import SEEN
+from harness.passes.outcome import Outcome
+from harness.passes.starts import ARMS, check_arm
+from harness.passes.wire import TOLD
+from harness.processes.introduction import About, about, is_stranger
+from harness.processes.isolate import Block
 from harness.progress import Progress
 from harness.recordings.recording import Recording, read_recording
 from harness.results.store import COLUMNS, SPENT, TIMES, Shard, ShardKey, Store, read_results
 from problems.qp import WorkCounts
-from solvers import make_solver
-from solvers.registry import solver_class
 
 DOUBT = "its own clock is not believed: ours, around the whole call, is used"
 CALL = TIMES.index("call_time")
 REPEATS, SLOW_PASS = 3, 10.0
 """Passes of a run, and seconds of one beyond which it is not repeated, if nothing else is said."""
+WORST_LAST = (
+    *("skipped", "verified", "undecided", "inaccurate", "claimed_wrong"),
+    *("failed", "timeout", "crashed"),
+)
+"""Verdicts; a row has the worst of its passes."""
 JUDGED = [entry.name for entry in fields(Judgement) if entry.name in COLUMNS]
 """What a row has of its judgement."""
 
 
 @dataclass(eq=False)
 class StoredRun:
-    """A solver in one arm on one recording at one setting, and what has been stored of it."""
+    """A solver in one arm on one recording at one setting, and what has been stored of it.
+
+    answers : the x that its rows have been judged by
+    """
 
     key: ShardKey
     task: Task
+    about: About
     shard: Shard | None
+    answers: list[bytes] = field(default_factory=list)
 
     @property
     def passes(self) -> int:
@@ -112,9 +123,8 @@ def replay(
     StoreError where `results` holds something that may not be mixed with this.
     """
     settings = setting_names(settings)
-    for name in solvers:
-        for arm in arms:
-            has_arm(solver_class(name), arm)  # raises for an unknown one
+    for arm in arms:
+        check_arm(arm)
     if repeats < 1:
         raise ValueError(f"repeats = {repeats}; at least one pass is needed")
     if not time_limit > 0:
@@ -123,11 +133,12 @@ def replay(
         raise ValueError(f"memory_limit = {memory_limit}; give a positive number of GiB")
     if isinstance(recordings, (Recording, str, Path)):
         recordings = [recordings]
+    recordings = list(recordings)
     loaded = [r if isinstance(r, Recording) else read_recording(r) for r in recordings]
     if results is None:
         with tempfile.TemporaryDirectory() as folder:
             return replay(
-                loaded,
+                recordings,
                 solvers,
                 settings,
                 arms,
@@ -152,8 +163,10 @@ def replay(
     counter = _Counter(total, progress)
     facts: dict[str, list[Facts]] = {}
     clock = time.perf_counter
+    hidden = [store.folder / "recordings", store.folder / "solves"]
+    hidden += [Path(given) for given in recordings if not isinstance(given, Recording)]
     for recording, setting, runs in blocks:
-        path = store.add_recording(recording)
+        store.add_recording(recording)
         if all(is_done(run.shard, repeats, slow_pass) for run in runs):
             counter.add("", len(recording.qps) * len(runs) * repeats)
             continue
@@ -162,27 +175,33 @@ def replay(
         if recording.digest not in facts:
             facts[recording.digest] = [facts_of(qp) for qp in recording.qps]
         judged = _Judged(recording, setting, facts[recording.digest], study)
-        block: Block | InProcess
-        if isolate and is_available():
-            block = Block(recording, path, judged.asked, limits)
-        else:
-            block = InProcess(recording, judged.asked, time_limit=time_limit)
-        with block:
-            for turn in range(repeats):
-                for run in runs:
-                    before = counter.done
-                    if run.passes <= turn and not is_done(run.shard, repeats, slow_pass):
-                        pace = calibrate()
-                        spent["in_passes"] -= clock()
+        block = Block(recording, judged.asked, limits, hidden, isolate)
+        for turn in range(repeats):
+            asked_in_this: set[str] = set()
+            for run in runs:
+                before = counter.done
+                if run.passes <= turn and not is_done(run.shard, repeats, slow_pass):
+                    pace = calibrate()
+                    spent["in_passes"] -= clock()
+                    arm = run.task.arm
+                    asking = block.asking(arm, again=arm not in asked_in_this)
+                    asked_in_this.add(arm)
+                    if run.about.broken:
+                        done = judged.none(run.about.reason)
+                    else:
                         done = block.do_pass(run.task, partial(counter.add, run.key.name))
-                        spent["in_passes"] += clock()
-                        spent["in_calls"] += float(np.nansum(done.times[:, CALL]))
-                        if run.shard is None or done.is_final:
-                            run.shard = judged.shard(run, done, pace)
-                            store.save(run.shard)
-                    counter.add(run.key.name, before + len(recording.qps) - counter.done)
+                    spent["in_passes"] += clock()
+                    if run.shard is None or done.is_final:
+                        run.shard = judged.add(run, done, asking, pace)
+                        store.save(run.shard)
+                        spent["in_calls"] += float(np.nansum(run.shard.passes[-1, :, CALL]))
+                counter.add(run.key.name, before + len(recording.qps) - counter.done)
         spent["replaying"] += clock()
         store.add_spent(spent)
+    for _, _, runs in blocks:
+        for run in runs:
+            if run.shard is not None:
+                store.mend(run.shard)
     return read_results(results)
 
 
@@ -200,26 +219,24 @@ def reproduce(
         )
     setting = setting_name(setting)
     leading = recording.qps if arm == "shuffled" else recording.qps[: index + 1]
-    judged = _Judged(recording, setting, [facts_of(qp) for qp in leading])
-    outcomes, times = run_pass(
-        make_solver(solver, **_options(setting)),
-        pose(leading, judged.asked),
-        arm=arm,
-        references=recording.references,
-    )
-    row = judged.row(index, outcomes[index])
-    build, setup, solve, call = believed(times)[0][index]
+    part = replace(recording, qps=tuple(leading))
+    judged = _Judged(part, setting, [facts_of(qp) for qp in leading])
+    block = Block(part, judged.asked, Limits(float("inf"), 0.0), isolate=False)
+    done = block.do_pass(Task(solver, tuple(_options(setting).items()), arm))
+    times = counted(done.times, block.asking(arm), is_stranger(solver)).times
+    build, setup, solve, call, charged = times[index]
     return {
-        **row,
+        **judged.row(index, done.outcomes[index]),
         "solver": solver,
         "settings": setting,
         "arm": arm,
-        "runtime": call if np.isnan(setup + solve) else setup + solve,
+        "runtime": call if np.isnan(setup + solve) else setup + solve + charged,
         "build_time": build,
         "setup_time": setup,
         "solve_time": solve,
         "call_time": call,
-        "x": outcomes[index].x,
+        "charged_time": charged,
+        "x": done.outcomes[index].x,
     }
 
 
@@ -244,22 +261,33 @@ class _Judged:
         self.recording, self.setting, self.facts, self.study = recording, setting, facts, study
         self.asked = [f.asked(setting) for f in facts]
 
-    def shard(self, run: StoredRun, done: Pass, pace: float) -> Shard:
-        """The shard of a run, grown by a pass before which the calibration took `pace` [s]."""
-        times, doubted = believed(done.times)
-        times = np.column_stack([times, np.full(len(times), pace)])
+    def add(self, run: StoredRun, done: Pass, asking: Asking, pace: float) -> Shard:
+        """The shard of a run, grown by a pass.
+
+        pace : [s] of the calibration before the pass
+        """
+        found, doubted = counted(done.times, asking, is_stranger(run.task.solver))
+        times = np.column_stack([found, np.full(len(found), pace)])[None]
+        answers = [_bits(outcome) for outcome in done.outcomes]
         if run.shard is None:
             rows = [self.row(i, outcome) for i, outcome in enumerate(done.outcomes)]
-            passes = times[None]
         else:
             rows = [dict(row) for row in run.shard.rows]
-            for i in done.lost:
-                rows[i] = self.row(i, done.outcomes[i])
-            passes = np.concatenate([run.shard.passes, times[None]])
+            times = np.concatenate([run.shard.passes, times])
+            for i, outcome in enumerate(done.outcomes):
+                if not run.answers or answers[i] != run.answers[i]:
+                    rows[i] = max(rows[i], self.row(i, outcome), key=_badness)
+        run.answers = run.answers or answers
         for i in doubted:
             said = rows[i]["status_text"].removesuffix(DOUBT).removesuffix("; ")
             rows[i]["status_text"] = f"{said}; {DOUBT}" if said else DOUBT
-        return Shard(run.key, rows, passes, self.study)
+        return Shard(run.key, rows, times, self.study)
+
+    def none(self, why: str) -> Pass:
+        """A pass of who cannot be asked."""
+        count = len(self.facts)
+        nothing = np.full((count, len(TOLD) + len(SEEN)), np.nan)
+        return Pass([Outcome("crashed", status_text=why)] * count, nothing)
 
     def row(self, index: int, outcome: Outcome) -> dict[str, Any]:
         """Columns of one solve, but for its times and what the shard's key says."""
@@ -308,6 +336,16 @@ class _Judged:
         return row
 
 
+def _bits(outcome: Outcome) -> bytes:
+    """What tells two answers apart."""
+    x = b"" if outcome.x is None else outcome.x.tobytes()
+    return f"{outcome.verdict} {outcome.status} {outcome.found} ".encode() + x
+
+
+def _badness(row: Mapping[str, Any]) -> int:
+    return WORST_LAST.index(row["verdict"])
+
+
 def _runs(
     store: Store,
     recording: Recording,
@@ -320,9 +358,9 @@ def _runs(
     runs = []
     options = _options(setting)
     for name in solvers:
-        make_solver(name, **options)  # raises here rather than in a process
+        known = about(name, **options)  # raises here rather than in a process
         for arm in arms:
-            if not has_arm(solver_class(name), arm):
+            if arm not in known.arms and not known.broken:
                 continue
             key = ShardKey(
                 scene=recording.scene,
@@ -330,13 +368,13 @@ def _runs(
                 solver=name,
                 settings=setting,
                 arm=arm,
-                versions=solver_version(name),
+                versions=known.version,
                 machine=machine_label(),
                 time_limit=limits.time,
                 memory_limit=limits.memory,
             )
             task = Task(name, tuple(options.items()), arm)
-            runs.append(StoredRun(key, task, store.load(key)))
+            runs.append(StoredRun(key, task, known, store.load(key)))
     return runs
 
 

@@ -18,9 +18,11 @@ from pathlib import Path
 
 from harness.judging.facts import SETTINGS
 from harness.machine.calibration import clock_facts
-from harness.machine.machine import library_versions, machine, solver_version
+from harness.machine.machine import library_versions, machine
+from harness.names import METHOD, PAPER
 from harness.passes.limits import TIME_LIMIT
-from harness.passes.starts import ARMS
+from harness.passes.starts import STUDY_ARMS
+from harness.processes.introduction import available, described, solver_version
 from harness.progress import Progress
 from harness.recordings.recording import Recording
 from harness.results.store import Store
@@ -29,10 +31,9 @@ from harness.study.kept_recording import how_run, recording_in
 from harness.study.record import record
 from problems import scene as make_scene
 from problems.scenes.labels import PAPER_SCENES, parse_label
-from solvers import available_solvers, describe
-from solvers.active_set.method import VARIANTS as LOTSTEDT_VARIANTS
+from solvers.active_set.lotstedt import VARIANTS as LOTSTEDT_VARIANTS
 
-VARIANTS = tuple(f"lotstedt[{variant}]" for variant in LOTSTEDT_VARIANTS if variant)
+VARIANTS = tuple(f"{PAPER}[{variant}]" for variant in LOTSTEDT_VARIANTS if variant)
 """Variants of the paper's method that the study compares with it."""
 
 
@@ -50,7 +51,7 @@ class StudyPlan:
     until: float | None = None
     solvers: tuple[str, ...] = ()
     settings: tuple[str, ...] = SETTINGS
-    arms: tuple[str, ...] = ARMS
+    arms: tuple[str, ...] = STUDY_ARMS
     repeats: int = 3
     time_limit: float = TIME_LIMIT
     slow_pass: float = 3.0
@@ -59,10 +60,10 @@ class StudyPlan:
     def named_solvers(self) -> tuple[str, ...]:
         """The solvers, written out."""
         if not self.solvers:
-            return (*available_solvers(), *VARIANTS)
+            return (*available(), *VARIANTS)
         if not self.only_installed:
             return self.solvers
-        return tuple(name for name in self.solvers if describe(name).available)
+        return tuple(name for name in self.solvers if described(name).available)
 
     @property
     def identity(self) -> str:
@@ -73,7 +74,7 @@ class StudyPlan:
 QUICK = StudyPlan(
     until=2.0,
     solvers=(
-        *("lotstedt", "velocity", "pgs", "scipy_bvls", "osqp", "proxqp"),
+        *(METHOD, PAPER, "velocity", "pgs", "scipy_bvls", "osqp", "proxqp"),
         *("clarabel", "daqp", "quadprog", "piqp"),
     ),
     settings=("high",),
@@ -86,7 +87,7 @@ QUICK = StudyPlan(
 def record_into(
     folder: Path, label: str, *, until: float | None = None, progress: Progress | None = None
 ) -> Recording:
-    """The recording of a scene by the paper's method, from `folder` if it is there and current."""
+    """The recording of a scene by our method, from `folder` if it is there and current."""
     name, parameters = parse_label(label)
     scene = make_scene(name, **parameters)
     return recording_in(

@@ -6,14 +6,13 @@ products with G that a step needs are sums over them; matrices are made for the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
 from problems.contacts.active_kernels import friction_bounds
-from problems.contacts.constraint_graph import ConstraintGraph
+from problems.contacts.constraint_graph import ActiveSet, ConstraintGraph
 from problems.contacts.geometry import Columns, Pose
 from problems.contacts.geometry_kernels import (
     column_speeds,
@@ -32,25 +31,18 @@ DENSE_ENTRIES = 4_000
 class Assembly:
     """Columns g_N and g_F of all active constraints at the position q (3n,).
 
-    active : `ActiveSet`;  normals, frictions : its vertices, in the order of row_id
+    active : `ActiveSet`, that of the graph if none is given
+    normals, frictions : its vertices, in the order of row_id
     place : (N, 3) corner, part and edge of each normal
     columns : `Columns` of the normals, N rows
     friction_of : (N,) the friction that a normal bounds, or −1;  mu : (F,)
     """
 
-    def __init__(
-        self,
-        graph: ConstraintGraph,
-        q: Vector,
-        handed_over: Mapping[int, tuple[int, int, int]] | None = None,
-        pose: Pose | None = None,
-    ):
+    def __init__(self, graph: ConstraintGraph, q: Vector, active: ActiveSet | None = None):
         geometry = self.geometry = graph.geometry
-        active = graph.active_set()
-        if handed_over:
-            active = active.carried_by(geometry, handed_over)
-        self.q, self.active = q, active
-        self.pose: Pose = geometry.pose(q) if pose is None else pose
+        self.q = q
+        self.active = active = graph.active_set() if active is None else active
+        self.pose: Pose = geometry.pose(q)
         self.m = q.size
         self.normals, self.frictions = active.normals, active.frictions
         self.normal_ids, self.friction_ids = active.normal_ids, active.friction_ids
@@ -98,9 +90,12 @@ class Assembly:
         columns = self.columns
         if layout.k == layout.normal_column.size:  # normals alone are in the order of row_id
             return columns.normal, columns.bodies
-        return gather_columns(
-            columns.normal, columns.tangent, columns.bodies, layout.row, layout.tangential
+        laid_out = np.empty((layout.k, 6)), np.empty((layout.k, 2), np.int64)
+        gather_columns(
+            *(columns.normal, columns.tangent, columns.bodies, layout.row, layout.tangential),
+            *laid_out,
         )
+        return laid_out
 
     def scaled(self, normals: Indices, frictions: Indices, D: Vector) -> Matrix:
         """D⁻ᵀ[G_N, G_F] of these normals and frictions, see `scaled_matrix`."""

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from problems.kernels.arena import integers, numbers, table, zeros
+from problems.kernels.arena import numbers, table, zeros
 from problems.kernels.compiled import kernel
-from problems.kernels.numba_internals import in_rows
 
 
 @kernel
@@ -46,9 +45,10 @@ def edge_distances(corners, centres, cosine, sine, corner, part, part_body, norm
 
 
 @kernel
-def clearances(corners, centres, cosine, sine, corner, part, part_body, normal, offset, arena=None):
-    """max_e φ_e of each corner against its part, (N,)."""
-    phi = numbers(arena, corner.size)
+def clearances(corners, centres, cosine, sine, corner, part, part_body, normal, offset, phi=None):
+    """max_e φ_e of each corner against its part, (N,), written to phi."""
+    if phi is None:
+        phi = np.empty(corner.size)
     for i in range(corner.size):
         p = part[i]
         b = part_body[p]
@@ -146,13 +146,18 @@ def contact_columns(
     offset,
     start,
     length,
-    arena=None,
+    columns=None,
 ):
-    """`Columns` of places (N, 3): φ, g_N, g_F (N, 6), bodies (N, 2), along, length."""
+    """`Columns` of places (N, 3): φ, g_N, g_F (N, 6), bodies (N, 2), along, length.
+
+    columns : what they are written to
+    """
     count = places.shape[0]
-    phi, along, lengths = numbers(arena, count), numbers(arena, count), numbers(arena, count)
-    g_N, g_F = table(arena, count, 6), table(arena, count, 6)
-    bodies = in_rows(integers(arena, 2 * count), count, 2)
+    if columns is None:
+        six, two = (count, 6), np.empty((count, 2), np.int64)
+        gap, at, size = np.empty(count), np.empty(count), np.empty(count)
+        columns = gap, np.empty(six), np.empty(six), two, at, size
+    phi, g_N, g_F, bodies, along, lengths = columns
     for i in range(count):
         corner, p, e = places[i, 0], places[i, 1], places[i, 2]
         a, b = corner_body[corner], part_body[p]
@@ -169,7 +174,7 @@ def contact_columns(
         g_F[i, 0], g_F[i, 1], g_F[i, 2] = -ny, nx, ax * nx + ay * ny
         g_F[i, 3], g_F[i, 4], g_F[i, 5] = ny, -nx, -bx * nx - by * ny
         bodies[i, 0], bodies[i, 1] = a, b
-    return phi, g_N, g_F, bodies, along, lengths
+    return columns
 
 
 @kernel
@@ -260,29 +265,23 @@ def column_sum(entries, bodies, weights, m, arena=None):
 
 
 @kernel
-def gather_columns(normal, tangent, bodies, row, tangential, arena=None):
-    """Entries (k, 6) and bodies (k, 2) of the columns that are g_F or g_N of these rows."""
-    entries = table(arena, row.size, 6)
-    where = in_rows(integers(arena, 2 * row.size), row.size, 2)
+def gather_columns(normal, tangent, bodies, row, tangential, entries, where):
+    """Columns that are g_F or g_N of these rows: entries (k, 6) and bodies (k, 2) are written."""
     for c in range(row.size):
         i = row[c]
         source = tangent if tangential[c] else normal
         for j in range(6):
             entries[c, j] = source[i, j]
         where[c, 0], where[c, 1] = bodies[i, 0], bodies[i, 1]
-    return entries, where
 
 
 @kernel
-def rows_of(entries, bodies, row, arena=None):
-    """Entries (F, 6) and bodies (F, 2) of these rows (F,) of others."""
-    found = table(arena, row.size, 6)
-    where = in_rows(integers(arena, 2 * row.size), row.size, 2)
+def rows_of(entries, bodies, row, found, where):
+    """Entries (F, 6) and bodies (F, 2) of these rows (F,) of others are written to the last two."""
     for c in range(row.size):
         for j in range(6):
             found[c, j] = entries[row[c], j]
         where[c, 0], where[c, 1] = bodies[row[c], 0], bodies[row[c], 1]
-    return found, where
 
 
 @kernel

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-
-import numpy as np
-import scipy.sparse as sp
+from typing import Any
 
 from problems.contacts.active_kernels import qp_columns
 from problems.least_norm.independence import IndependenceProof
@@ -17,7 +14,7 @@ class Layout:
 
     row_id (k,), feature (k, 5) : see `ContactQP`
     columns : `qp_columns`, row, tangential, normal_column, sticking, sticking_column : its parts
-    cones, proof : `friction.coulomb_rows` and whether its columns are independent, kept here
+    proof : whether its columns are independent, kept here;  room : what steps work with
     """
 
     def __init__(
@@ -34,7 +31,7 @@ class Layout:
         self.feature = feature[self.row]
         self.feature[:, 4] = self.tangential
         self.proof = IndependenceProof()
-        self.cones: dict[bytes, sp.csr_array] = {}
+        self.room: dict[bool, Any] = {}
         self.row_id.setflags(write=False)
         self.feature.setflags(write=False)
 
@@ -42,23 +39,3 @@ class Layout:
     def k(self) -> int:
         """Number of columns."""
         return self.row_id.size
-
-    def limits(self, stuck_bound: Vector) -> tuple[Vector, Vector]:
-        """lower and upper (k,): λ_N ≥ 0, and |λ_F| ≤ stuck_bound (S,)."""
-        lower, upper = self._one_sided
-        if self.sticking.size == 0:
-            return lower, upper
-        lower, upper = lower.copy(), upper.copy()
-        lower[self.sticking_column] = -stuck_bound
-        upper[self.sticking_column] = stuck_bound
-        return lower, upper
-
-    def split(self, x: Vector, n_frictions: int) -> tuple[Vector, Vector]:
-        """λ_N (N,) and λ_F (F,), 0 where sliding, from the QP's x (k,)."""
-        lam_F = np.zeros(n_frictions)
-        lam_F[self.sticking] = x[self.sticking_column]
-        return x[self.normal_column], lam_F
-
-    @cached_property
-    def _one_sided(self) -> tuple[Vector, Vector]:
-        return np.zeros(self.k), np.full(self.k, np.inf)

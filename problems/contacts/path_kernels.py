@@ -4,12 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from problems.contacts.dips import ARRIVAL, MAX_HALVINGS, first_dip, floor_of
-from problems.contacts.geometry_kernels import (
-    clearance_on_path,
-    clearances,
-    place_corners,
-)
+from problems.contacts.dips import ARRIVAL, first_dip, floor_of
 from problems.kernels.arena import zeros
 from problems.kernels.compiled import kernel
 
@@ -111,56 +106,3 @@ def sink_levels(clearance, free, level):
                 level[i] = 0.0
             elif clearance[i] < level[i] - ROUNDING:
                 level[i] = clearance[i]
-
-
-@kernel
-def arrive(path, h, listed_at, candidates, places, radius, tables):
-    """The end q = q0 + h (velocity + h curvature) of a path, and whether anything happens there.
-
-    path : q0, velocity, curvature;  candidates : corner, part, level, free (L,)
-    places : (N, 3) of J_N;  tables : `Geometry.tables`
-
-    Returns q (3n,), its pose, the clearances (L,) of the candidates, how far a body has moved since
-    they were listed, whether a free one may hit something on the way, and whether a place is beyond
-    an end of its edge.
-    """
-    (q0, velocity, curvature), (corner, part, level, free) = path, candidates
-    corner_body, corner_local, part_body, normal, offset = tables[:5]
-    q = path_end(q0, velocity, curvature, h)
-    pose = place_corners(q, corner_body, corner_local)
-    moved = largest_motion(listed_at, q, radius)
-    clearance = clearances(*pose, corner, part, part_body, normal, offset)
-    way = ways(velocity, curvature, h, radius)
-    scratch = (
-        np.empty((MAX_HALVINGS + 2, offset.shape[1])),
-        np.empty(MAX_HALVINGS + 2),
-        np.empty(offset.shape[1]),
-    )
-    hit = False
-    for i in range(level.size):
-        c, p = corner[i], part[i]
-        both = way[corner_body[c]] + way[part_body[p]]
-        if hit or not free[i] or miss(0.0, clearance[i] - level[i], both):
-            continue
-        before = clearance_on_path(path, 0.0, c, p, tables)
-        if miss(before - level[i], clearance[i] - level[i], both):
-            continue
-        gaps, bodies = (before, clearance[i], level[i]), (corner_body[c], part_body[p])
-        hit = enters(path, h, gaps, bodies, corner_local[c], (normal[p], offset[p]), scratch)
-    return q, *pose, clearance, moved, hit, any_beyond(pose, places, tables)
-
-
-@kernel
-def any_beyond(pose, places, tables):
-    """Whether a place (N, 3) is beyond an end of its edge."""
-    corners, centres, cosine, sine = pose
-    _, _, part_body, normal, _, start, length = tables
-    ended = False
-    for i in range(places.shape[0]):
-        c, p, e = places[i, 0], places[i, 1], places[i, 2]
-        b = part_body[p]
-        x, y = normal[p, e, 0], normal[p, e, 1]
-        tx, ty = -(sine[b] * x + cosine[b] * y), cosine[b] * x - sine[b] * y
-        along = tx * (corners[c, 0] - centres[b, 0]) + ty * (corners[c, 1] - centres[b, 1])
-        ended |= beyond_edge(along - start[p, e], length[p, e])
-    return ended

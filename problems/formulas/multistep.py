@@ -13,18 +13,14 @@ This differs from the paper: 1. the formulas and the error constants of (3.5) ar
 steps, because the paper prints none; 2. growth is limited to `GROWTH`, below the 1 + √2 at which
 BDF-2 loses zero-stability, and h to `h_max`, because in free fall the estimate of AB-2 is 0.
 
-The functions of numbers alone are also compiled, into `problems.stepping.quiet_steps`; so they
-call nothing that is not.
+The functions of numbers alone are compiled into `problems.stepping.steps` and
+`problems.formulas.step_kernels`, so they call nothing that is not.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import inf, sqrt
 
-import numpy as np
-
-from problems.bodies.path import Path
 from problems.qp import Vector
 
 GROWTH = 2.0
@@ -44,13 +40,12 @@ FIRST_RATE = 0.5
 
 
 class History:
-    """Steps since the last restart: (h, q̇, q̈) of the newest two, newest first.
+    """Steps since the last restart: h of the newest, q̇ of the newest two, q̈ newest first.
 
-    `order` is that of the next step: 1 for the two steps after a restart, then `highest` (§3.1).
+    The two steps after a restart are of order 1 (§3.1).
     """
 
-    def __init__(self, v: Vector, highest: int = 2):
-        self.highest = highest
+    def __init__(self, v: Vector):
         self.restart(v)
 
     def restart(self, v: Vector) -> None:
@@ -60,56 +55,9 @@ class History:
         self.h = 0.0
         self.steps = 0
 
-    def push(self, h: float, v: Vector, a: Vector) -> None:
-        """Record an accepted step of length h with the new q̇ and q̈."""
-        self.v_before, self.v = self.v, v
-        self.a = [a, *self.a[:1]]
-        self.h = h
-        self.steps += 1
-
     def resume(self, v: Vector, v_before: Vector, a: list[Vector], h: float, steps: int) -> None:
-        """Go on from steps that were taken elsewhere."""
+        """Go on from steps that have been taken."""
         self.v, self.v_before, self.a, self.h, self.steps = v, v_before, a, h, steps
-
-    @property
-    def order(self) -> int:
-        return 1 if self.steps < 2 else self.highest
-
-    def path(self, q: Vector) -> Path:
-        """AB-r from q (3.1a)."""
-        if self.order == 1:
-            return Path(q, self.v, np.zeros_like(q))
-        return Path(q, self.v, (self.v - self.v_before) / (2 * self.h))
-
-    def bdf(self, h: float) -> tuple[float, Vector]:
-        """α₀ and b_n = −Σ_{i≥1} α_i q̇_{n−i} of BDF-r with step h (3.1b)."""
-        if self.order == 1:
-            return 1.0, self.v
-        alpha0, newest, before = second_order_bdf(h / self.h)
-        return alpha0, newest * self.v - before * self.v_before
-
-    def predict(self, h: float) -> Vector:
-        """q̇_n⁽⁰⁾ for (3.9): q̇_{n−1}, AB-1 or AB-2 on q̈, by what is available."""
-        if not self.a:
-            return self.v
-        if len(self.a) == 1:
-            return self.v + h * self.a[0]
-        w = h / self.h
-        return self.v + h * ((1 + w / 2) * self.a[0] - w / 2 * self.a[1])
-
-    def largest_step(self, eps: float, norm: Callable[[Vector], float]) -> float:
-        """Largest h whose local error in q_n meets (3.5), ‖ℓ_n‖_M ≤ h ε; inf where it is 0.
-
-        AB-1: ℓ = ½h² q̈.  AB-2: ℓ = h² (h/6 + h_{n−1}/4) q⃛, q⃛ ≈ (q̈_{n−1} − q̈_{n−2})/h_{n−1}.
-        Needs at least one step since the restart.
-        """
-        if self.order == 1:
-            return first_order_step(norm(self.a[0]), eps)
-        return second_order_step(norm(self.a[0] - self.a[1]) / self.h, self.h, eps)
-
-    def error(self, h: float, a: Vector, norm: Callable[[Vector], float]) -> float:
-        """‖ℓ_n‖_M / h of (3.5) after a step of length h that found q̈_n = a; 0 for AB-1."""
-        return second_order_error(norm(a - self.a[0]), h, self.h) if self.order == 2 else 0.0
 
 
 def second_order_bdf(w: float) -> tuple[float, float, float]:

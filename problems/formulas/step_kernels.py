@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+import problems.formulas.multistep as multistep
 from problems.contacts.geometry_kernels import (
     column_speeds,
     contact_columns,
@@ -14,6 +15,10 @@ from problems.contacts.geometry_kernels import (
 )
 from problems.kernels.arena import numbers
 from problems.kernels.compiled import kernel
+
+second_order_bdf = kernel(multistep.second_order_bdf)
+first_order_step = kernel(multistep.first_order_step)
+second_order_step = kernel(multistep.second_order_step)
 
 STOPPED = 0.01
 """A contact that slips slower than this, in ε, has stopped."""
@@ -27,6 +32,44 @@ AJAR = 10.0
 """A contact that is open by more than so many `contact_tol` is none any more, …"""
 OPENING = 0.01
 """… if it opens faster than this, in `drop_tol`: less is what solvers leave of g_Nᵀq̇ = 0."""
+
+
+@kernel
+def path_curvature(order, v, v_before, h_before, bend):
+    """The curvature (3n,) of AB-r (3.1a), q_n = q + h (q̇ + h curvature), written to bend."""
+    for i in range(bend.size):
+        bend[i] = (v[i] - v_before[i]) / (2 * h_before) if order == 2 else 0.0
+
+
+@kernel
+def bdf(order, w, v, v_before, b):
+    """α₀ of BDF-r (3.1b); b_n = −Σ_{i≥1} α_i q̇_{n−i} (3n,) is written to b.  w = h_n/h_{n−1}."""
+    alpha0, newest, oldest = second_order_bdf(w) if order == 2 else (1.0, 1.0, 0.0)
+    for i in range(b.size):
+        b[i] = newest * v[i] - oldest * v_before[i]
+    return alpha0
+
+
+@kernel
+def predicted(steps, h, w, v, a, a_before, guess):
+    """q̇_n⁽⁰⁾ (3n,) for (3.9): q̇_{n−1}, AB-1 or AB-2 on q̈, by what `steps` have made available."""
+    now, before = (0.0, 0.0) if steps == 0 else (1.0, 0.0) if steps == 1 else (1 + w / 2, w / 2)
+    for i in range(guess.size):
+        guess[i] = v[i] + h * (now * a[i] - before * a_before[i])
+
+
+@kernel
+def longest_step(D, order, a, a_before, h_before, eps, arena=None):
+    """Largest h whose local error in q_n meets (3.5), ‖ℓ_n‖_M ≤ h ε; ∞ where it is 0.
+
+    AB-1: ℓ = ½h² q̈.  AB-2: ℓ = h² (h/6 + h_{n−1}/4) q⃛, q⃛ ≈ (q̈_{n−1} − q̈_{n−2})/h_{n−1}.
+    """
+    if order == 1:
+        return first_order_step(weighted_norm(D, a), eps)
+    change = numbers(arena, a.size)
+    for i in range(a.size):
+        change[i] = a[i] - a_before[i]
+    return second_order_step(weighted_norm(D, change) / h_before, h_before, eps)
 
 
 @kernel

@@ -13,8 +13,6 @@ AT_BOUND = 1e-9
 """Relative distance from its bound at which a friction force is at it."""
 NO_SLIP = 1e-9
 """Fraction of the fastest slip up to which one is rounding, without a direction."""
-SPRING = 2.0
-"""k = SPRING · m_eff/h² in (4.4) is the rigid force of a single contact; d = 0, for g_Nᵀq̇ ≈ 0."""
 QUIET_PASSES = 3
 """Passes of corrected friction that are no sign of trouble."""
 RIDGE = 1e-8
@@ -94,25 +92,6 @@ def force_change(signs, stuck, bound, new_bound, arena=None):
             step = min(0.0, new_bound[j] - abs(stuck[j]))
         change[j] = -step if stuck[j] < 0.0 else step
     return change
-
-
-@kernel
-def extrapolated_multipliers(lam, before, known, w, arena=None):
-    """λ_* ≥ 0 (N,) by (4.3) with one known time point, by (4.2) with two; w = h_n/h_{n−1}."""
-    found = numbers(arena, lam.size)
-    for i in range(lam.size):
-        change = w * (lam[i] - before[i]) if known > 1 else 0.0
-        found[i] = max(0.0, lam[i] + change)
-    return found
-
-
-@kernel
-def spring_loads(now, then, compliance, h, arena=None):
-    """λ_* ≥ 0 (N,) of (4.4) from φ (N,) now and where the path would be without contacts [m]."""
-    found = numbers(arena, now.size)
-    for i in range(now.size):
-        found[i] = max(0.0, -SPRING / (h * h * compliance[i]) * (then[i] - now[i]))
-    return found
 
 
 @kernel

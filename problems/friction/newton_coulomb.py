@@ -21,31 +21,26 @@ unique; so the collision ends with this QP.  Energy may grow at a contact that r
 from __future__ import annotations
 
 import copy
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
 from problems.contacts.active_kernels import Frictions
-from problems.contacts.assembly import Assembly, scaled_matrix
-from problems.contacts.layout import Layout
-from problems.friction.collision import Collision, Impact
-from problems.friction.compiled_passes import impulse_passes
+from problems.contacts.assembly import Assembly
+from problems.contacts.geometry_kernels import dense_columns
 from problems.friction.coulomb_lcp import MOST_VARIABLES, coulomb_multipliers
-from problems.friction.kernels import force_change
-from problems.friction.passes import newton_multipliers
-from problems.friction.rules import coulomb_rows
+from problems.friction.passes import ANSWER, GUESS, SETTLED, Passes, fixed_point
+from problems.friction.posed import PosedPasses, start
 from problems.kernels.arena import Arena
 from problems.kernels.compiled import Direct
-from problems.least_norm.minimum_norm import minimum_norm
-from problems.qp import Matrix, Vector
-from problems.qp_kernel import CompiledMethod
+from problems.qp import Vector
+from problems.qp_kernel import NO_METHOD, CompiledMethod
 from problems.sequence import QPSequence, SimulationError
 
-run_impulse_passes = Direct(impulse_passes)
+run_fixed_point = Direct(fixed_point)
 MAX_PASSES = 25
 """Passes before the LCP is asked."""
-SETTLED = 1e-9
+SETTLED_BY = 1e-9
 """Change of q̇₊ by another pass, relative to ‖q̇₋‖_M, at which the passes end."""
 
 
@@ -63,103 +58,92 @@ def newton_coulomb_impulse(
 
     accuracy : of each QP in ‖A δx‖
 
-    Where QPs are not kept, compiled with the method of the solver, if it has one.
-
     Raises SimulationError where the passes do not settle.
     """
     hit = copy.copy(assembly)
     hit.mu = np.full(len(assembly.frictions), mu_I)
-    signs = np.zeros(len(assembly.frictions))
-    layout = hit.active.layout(signs)
-    entries, bodies = hit.laid_out(layout)
-    size = max(1.0, float(np.linalg.norm(D * v)))
-    method = qps.compiled(layout.row_id.size)
-    if method is not None:
-        rubs = hit.active.friction_of, hit.active.first, hit.mu, signs
-        frictions = Frictions(*rubs, *layout.columns)
-        columns = hit.columns.normal, hit.columns.bodies
-        collision = Collision(frictions, D, v, F, columns, (entries, bodies), hit.tangents)
-        impact = _compiled_impulse(qps.solver, method, collision, SETTLED * size, accuracy)
-        if impact is not None:
-            qps.count += impact.solves
-            return impact.v, np.concatenate([impact.lam_N, impact.lam_F])
-    posed = _Posed(
-        qps, hit, layout, scaled_matrix(entries, bodies, D), D, D * v + F / D, t, accuracy
-    )
-    settled = None if method is not None else _by_passes(posed, signs, SETTLED * size)
-    return _by_lcp(posed) if settled is None else settled
-
-
-class _Posed(NamedTuple):
-    """What the QPs of one collision have in common."""
-
-    qps: QPSequence
-    hit: Assembly
-    layout: Layout
-    A: Matrix
-    D: Vector
-    d: Vector
-    t: float
-    accuracy: float
-
-    def solve(self, bound: Vector, coulomb: sp.csr_array | None) -> tuple[Vector, Vector]:
-        """x (k,) with |Λ_F| ≤ bound (F,), of least norm where Coulomb's rows are given, and q̇₊."""
-        lower, upper = self.layout.limits(bound)
-        qp, solution = self.qps.solve(
-            A=self.A,
-            d=self.d,
-            lower=lower,
-            upper=upper,
-            row_id=self.layout.row_id,
-            feature=self.layout.feature,
-            D=self.D,
-            kind="impulse",
-            t=self.t,
-            eps0=self.accuracy,
-        )
-        x = np.asarray(solution.x)
-        if coulomb is not None:
-            x = minimum_norm(self.qps, qp, x, coulomb)
-        return x, qp.residual(x) / self.D
-
-
-def _by_passes(posed: _Posed, signs: Vector, tolerance: float) -> tuple[Vector, Vector] | None:
-    """q̇₊ and Λ where the passes settle."""
-    hit, D, coulomb = posed.hit, posed.D, coulomb_rows(posed.hit, posed.layout)
-    lam_star = np.full(len(hit.normals), np.inf)
-    for _ in range(MAX_PASSES):
-        bound = hit.bound(lam_star)
-        x, after = posed.solve(bound, coulomb)
-        lam_N, lam_F = posed.layout.split(x, signs.size)
-        change = force_change(signs, lam_F, bound, hit.bound(lam_N))
-        if np.linalg.norm(hit.friction_force(change) / D) <= tolerance:
-            return after, np.concatenate([lam_N, lam_F])
-        lam_star = newton_multipliers(hit, D, signs, lam_star, lam_N, lam_F, after)
-    return None
-
-
-def _by_lcp(posed: _Posed) -> tuple[Vector, Vector]:
-    """q̇₊ and Λ by the LCP, and the QP with its bounds."""
-    both = coulomb_multipliers(posed.hit, posed.D, posed.d)
+    tolerance = SETTLED_BY * max(1.0, float(np.linalg.norm(D * v)))
+    collision = _Collision(qps, hit, D, v, F, t, accuracy)
+    method = qps.compiled(collision.layout.k)
+    if collision.settles(tolerance, method):
+        return collision.outcome()
+    both = coulomb_multipliers(hit, D, D * v + F / D)
     if both is None:
         raise SimulationError(
-            f"t = {posed.t:.6g}: Newton–Coulomb impulses of {len(posed.hit.normals)} contacts did "
-            f"not settle in {MAX_PASSES} passes, and are too many for the LCP, which takes "
-            f"{MOST_VARIABLES}, 1 per normal and 3 per friction that are in touch; use "
-            'the paper\'s model, impulses="paper"'
+            f"t = {t:.6g}: Newton–Coulomb impulses of {len(hit.normals)} contacts did not settle "
+            f"in {MAX_PASSES} passes, and are too many for the LCP, which takes {MOST_VARIABLES}, "
+            "1 per normal and 3 per friction that are in touch; use the paper's model, "
+            'impulses="paper"'
         )
-    _, after = posed.solve(posed.hit.bound(both[0]), None)
+    after, _ = collision.with_load(both[0])
     return after, np.concatenate(both)
 
 
-def _compiled_impulse(
-    solver: Any, method: CompiledMethod, collision: Collision, tolerance: float, accuracy: float
-) -> Impact | None:
-    """q̇₊ and Λ by `impulse_passes`; None where they do not settle."""
-    m, k = collision.D.size, collision.frictions.row_id.size
-    room = solver.room(m, k, accuracy, None)
-    settled, *impact = run_impulse_passes(
-        *(collision, MAX_PASSES, tolerance, Arena.of(m + k)),
-        *(method.solve, room.S, room.I, room.eps0, method.mode),
-    )
-    return Impact(*impact) if settled else None
+class _Collision:
+    """The passes of one collision."""
+
+    def __init__(
+        self,
+        qps: QPSequence,
+        hit: Assembly,
+        D: Vector,
+        v: Vector,
+        F: Vector,
+        t: float,
+        accuracy: float,
+    ) -> None:
+        signs = np.zeros(len(hit.frictions))
+        self.qps, self.hit, self.D, self.v, self.F = qps, hit, D, v, F
+        self.t, self.accuracy = t, accuracy
+        self.layout = hit.active.layout(signs)
+        rubs = hit.friction_of, hit.active.first, hit.mu, signs
+        self.frictions = Frictions(*rubs, *self.layout.columns)
+
+    def settles(self, tolerance: float, method: CompiledMethod | None) -> bool:
+        """Whether the passes from Λ_* = ∞ do, by the method or, where there is none, any solver."""
+        self._begin(np.inf, method is None, tolerance=tolerance, most=MAX_PASSES, corrects=1)
+        if method is None:
+            return self._ask() == SETTLED
+        m, k = self.D.size, self.layout.k
+        solver: Any = self.qps.solver
+        room = solver.room(m, k, self.accuracy, None)
+        where = room.S, room.I, room.eps0, method.mode
+        ended, _ = run_fixed_point(self.passes, method.solve, *where)
+        if ended == SETTLED:
+            self.qps.count += int(self.passes.now[0]["solves"])
+        return bool(ended == SETTLED)
+
+    def with_load(self, lam_N: Vector) -> tuple[Vector, Vector]:
+        """The outcome of one pass with these bounds."""
+        self._begin(lam_N, True, most=1)
+        self._ask()
+        return self.outcome()
+
+    def outcome(self) -> tuple[Vector, Vector]:
+        """q̇₊ and Λ of the last pass."""
+        passes = self.passes
+        return passes.v, np.concatenate([passes.lam_N, passes.lam_F])
+
+    def _begin(self, lam_star: float | Vector, asks: bool, **now: float) -> None:
+        hit, arena = self.hit, Arena.of(self.D.size + self.layout.k)
+        passes = Passes.of(self.frictions, self.D, asks, arena)
+        columns, layout = hit.columns, hit.laid_out(self.layout)
+        self.passes = passes = passes._replace(
+            normals=(columns.normal, columns.bodies), columns=layout, tangents=hit.tangents
+        )
+        passes.b[:], passes.forces[:], passes.lam_star[:] = self.v, self.F, lam_star
+        if not asks:
+            dense_columns(*layout, self.D, passes.A)
+        start(passes, h=1.0, alpha0=1.0, eps0=self.accuracy, next_only=1, asks=asks, **now)
+
+    def _ask(self) -> int:
+        """How the passes end, with any solver."""
+        posed = PosedPasses(self.qps, self.passes, self.layout, own=False, t=self.t)
+        while True:
+            ended: int = run_fixed_point(self.passes, *NO_METHOD)[0]
+            if ended == ANSWER:
+                posed.answer("impulse")
+            elif ended == GUESS:
+                posed.guess(self.hit)
+            else:
+                return ended

@@ -25,54 +25,75 @@ from typing import Literal
 import numpy as np
 import scipy.sparse as sp
 
-from problems.contacts.assembly import Assembly
-from problems.contacts.geometry_kernels import compliances
-from problems.contacts.layout import Layout
-from problems.friction.kernels import spring_loads
-from problems.qp import Vector
+from problems.contacts.active_kernels import Frictions
+from problems.kernels.arena import numbers
+from problems.kernels.compiled import kernel
 
 FrictionRule = Literal["paper", "corrected"]
 
-
-def spring_multipliers(
-    assembly: Assembly,
-    inverse_mass: Vector,
-    q: Vector,
-    v: Vector,
-    f: Vector,
-    h: float,
-) -> Vector:
-    """λ_* (N,) by the spring of (4.4), with q, q̇ and f of t_{n−1}."""
-    q_star = q + h * v + 0.5 * h * h * inverse_mass * f
-    geometry = assembly.geometry
-    now = geometry.columns_at(geometry.pose(q), assembly.place).phi
-    then = geometry.columns_at(geometry.pose(q_star), assembly.place).phi
-    compliance = compliances(assembly.columns.normal, assembly.columns.bodies, inverse_mass)
-    return spring_loads(now, then, compliance, h)
+SPRING = 2.0
+"""k = SPRING · m_eff/h² in (4.4) is the rigid force of a single contact; d = 0, for g_Nᵀq̇ ≈ 0."""
 
 
-def coulomb_rows(assembly: Assembly, layout: Layout) -> sp.csr_array:
-    """Rows C with C λ ≥ 0 ⇔ |λ_F| ≤ μ Σ λ_N of the sticking contacts, for (4.8); λ as laid out.
+@kernel
+def extrapolated_multipliers(lam, before, known, w, arena=None):
+    """λ_* ≥ 0 (N,) by (4.3) with one known time point, by (4.2) with two; w = h_n/h_{n−1}."""
+    found = numbers(arena, lam.size)
+    for i in range(lam.size):
+        change = w * (lam[i] - before[i]) if known > 1 else 0.0
+        found[i] = max(0.0, lam[i] + change)
+    return found
 
-    They are made once for a layout and its μ.
-    """
-    key = assembly.mu.tobytes()
-    if key not in layout.cones:
-        layout.cones[key] = _cones(assembly, layout)
-    return layout.cones[key]
+
+@kernel
+def spring_loads(now, then, compliance, h, arena=None):
+    """λ_* ≥ 0 (N,) of (4.4) from φ (N,) now and where the path would be without contacts [m]."""
+    found = numbers(arena, now.size)
+    for i in range(now.size):
+        found[i] = max(0.0, -SPRING / (h * h * compliance[i]) * (then[i] - now[i]))
+    return found
 
 
-def _cones(assembly: Assembly, layout: Layout) -> sp.csr_array:
-    rank = np.full(assembly.mu.size, -1)
-    rank[layout.sticking] = np.arange(layout.sticking.size)
-    loaded = np.flatnonzero(assembly.friction_of >= 0)
-    friction = assembly.friction_of[loaded]
-    loaded, friction = loaded[rank[friction] >= 0], friction[rank[friction] >= 0]
-    row, count = rank[friction], layout.sticking.size
-    cone, each = layout.normal_column[loaded], np.arange(count)
-    mu, one = assembly.mu[friction], np.ones(count)
-    rows = np.concatenate([row, each, count + row, count + each])
-    columns = np.concatenate([cone, layout.sticking_column, cone, layout.sticking_column])
-    return sp.csr_array(
-        (np.concatenate([mu, -one, mu, one]), (rows, columns)), shape=(2 * count, layout.k)
-    )
+@kernel
+def cone_entries(frictions):
+    """Row, column and value of what is not 0 in `cones`, normals first."""
+    count = frictions.sticking.size
+    rank = np.full(frictions.mu.size, -1)
+    for s in range(count):
+        rank[frictions.sticking[s]] = s
+    bounded = 0
+    for j in frictions.friction_of:
+        bounded += j >= 0 and rank[j] >= 0
+    size, n = 2 * (bounded + count), 0
+    row, column = np.empty(size, dtype=np.int64), np.empty(size, dtype=np.int64)
+    value = np.empty(size)
+    for i in range(frictions.friction_of.size):
+        j = frictions.friction_of[i]
+        if j >= 0 and rank[j] >= 0:
+            for half in range(2):
+                row[n], column[n] = rank[j] + half * count, frictions.normal_column[i]
+                value[n] = frictions.mu[j]
+                n += 1
+    for s in range(count):
+        for half in range(2):
+            row[n], column[n] = s + half * count, frictions.sticking_column[s]
+            value[n] = 2.0 * half - 1.0
+            n += 1
+    return row, column, value
+
+
+@kernel
+def cones(frictions):
+    """Rows C (2 S, k) with C λ ≥ 0 ⇔ |λ_F| ≤ μ Σ λ_N of what sticks, for (4.8); λ as laid out."""
+    C = np.zeros((2 * frictions.sticking.size, frictions.row.size))
+    row, column, value = cone_entries(frictions)
+    for n in range(row.size):
+        C[row[n], column[n]] = value[n]
+    return C
+
+
+def coulomb_rows(frictions: Frictions) -> sp.csr_array:
+    """`cones`, sparse."""
+    row, column, value = cone_entries(frictions)
+    shape = (2 * frictions.sticking.size, frictions.row.size)
+    return sp.csr_array((value, (row, column)), shape=shape)

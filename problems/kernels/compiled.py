@@ -12,20 +12,22 @@ import hashlib
 import os
 import sys
 import tempfile
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core.errors import NumbaExperimentalFeatureWarning
 
 from problems.kernels.numba_internals import LOST
 from problems.kernels.sources import defining, sources
 
 FAST_MATH = frozenset({"reassoc", "contract", "nsz"})
 """Sums may be regrouped for vector instructions; NaN and infinity keep their meaning."""
+
+
+FOLDERS: set[Path] = set()
+"""Where machine code is kept."""
 
 
 def cache_folder(sources: Sequence[Path]) -> Path:
@@ -41,6 +43,7 @@ def cache_folder(sources: Sequence[Path]) -> Path:
     except OSError:
         folder = Path(tempfile.gettempdir()) / f"glambda-kernels-{key.hexdigest()[:16]}"
         folder.mkdir(parents=True, exist_ok=True)
+    FOLDERS.add(folder)
     if not any(folder.iterdir()):
         print("glambda: compiling kernels, once, up to two minutes …", file=sys.stderr)
         if LOST:
@@ -97,15 +100,12 @@ class Direct:
     def __call__(self, *arguments: Any) -> Any:
         if self._code is None:
             signature = tuple(numba.typeof(argument) for argument in arguments)
-            with warnings.catch_warnings():
-                # functions as arguments are "experimental"; what is used of them is tested
-                warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
-                self.kernel.compile(signature)
+            self.kernel.compile(signature)
             self._code = self.kernel.overloads[signature].entry_point
         return self._code(*arguments)
 
 
 SOURCES = sources(defining(Path(__file__).parents[1], "\n@kernel\n"), ["problems"])
 kernel = kernel_decorator(SOURCES)
-stage = kernel_decorator(SOURCES, forceinline=True)
+stage = kernel_decorator(SOURCES, inline="always")
 """A kernel that is a part of one other: its arguments, arrays by the dozen, are not copied."""

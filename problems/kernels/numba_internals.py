@@ -6,7 +6,7 @@ what is lost; everything else is the same.
 1. `OwnCopies`: bit for bit the same results from a run that compiles and one from the cache.
 2. `lent`: no counting of who holds an array, up to three quarters of the time of a step.
 
-`read_only` and `in_rows` are made with numba's interface for extensions.
+`read_only`, `in_rows` and `function_at` are made with numba's interface for extensions.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ from typing import Any
 import numba
 from llvmlite.binding import Linkage
 from numba.core import cgutils, types
+from numba.core.caching import Cache
 from numba.core.codegen import JITCodeLibrary
+from numba.core.datamodel import default_manager
 from numba.core.imputils import impl_ret_borrowed
 from numba.core.registry import cpu_target
 from numba.extending import intrinsic
@@ -139,3 +141,29 @@ def _in_rows(typingctx: Any, array: Any, rows: Any, columns: Any) -> Any:
 
 in_rows: Any = intrinsic(_in_rows)
 """`in_rows(x, n, m)` in a kernel: x (n m,) as (n, m), in no time."""
+
+
+def function_at(signature: Any) -> Any:
+    """`function_at(signature)(address)` in a kernel: the compiled function at an address.
+
+    Handed over as itself, its signature would be looked at, in Python, at every call.
+    """
+    kind = types.FunctionType(signature)
+
+    def at(typingctx: Any, address: Any) -> Any:
+        def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            made = cgutils.create_struct_proxy(kind)(context, builder)
+            first, *others = default_manager.lookup(kind)._fields
+            setattr(made, first, builder.inttoptr(arguments[0], cgutils.voidptr_t))
+            for name in others:
+                setattr(made, name, cgutils.get_null_value(cgutils.voidptr_t))
+            return made._getvalue()
+
+        return kind(types.int64), codegen
+
+    return intrinsic(at)
+
+
+def keep_nothing() -> None:
+    """From now on this process keeps no machine code in files, as one that may not write them."""
+    Cache.save_overload = lambda self, signature, data: None  # type: ignore[method-assign]

@@ -1,1 +1,1 @@
-"""Algorithm 1: the stepper, its velocity step, events, compiled quiet steps."""
+"""Algorithm 1: compiled steps, their driver, events, the stepper."""

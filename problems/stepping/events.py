@@ -22,7 +22,8 @@ from problems.contacts.constraint_graph import ConstraintGraph, Normal
 from problems.contacts.dips import dips, floors
 from problems.contacts.geometry import Columns, Geometry, Pose
 from problems.contacts.geometry_kernels import column_speeds
-from problems.contacts.path_kernels import END_SLACK, arrive, beyond_edge, ends_inside, miss, ways
+from problems.contacts.path_kernels import END_SLACK, beyond_edge, ends_inside, miss, ways
+from problems.formulas.multistep import SHORTEST_STEP
 from problems.formulas.step_kernels import FAR_TOO_DEEP, next_overlap
 from problems.qp import Vector
 
@@ -62,49 +63,68 @@ class SlideOff:
     normal: Normal
 
 
-class Arrival(NamedTuple):
-    """The end of a path, at step length h.
+class Ahead(NamedTuple):
+    """What a path meets first, at step length h [s], and what is true there.
 
-    q (3n,), pose : where everything is then;  clearance (L,) : of all `Candidates`
+    hits, losses : the collisions and losses of support there, none where nothing is met
     handed_over : {row_id: (corner, part, edge)} of the constraints that another corner carries then
     too_deep : {(part, part): overlap [m]} of pairs that overlap as they never should
     """
 
     h: float
-    q: Vector
-    pose: Pose
-    clearance: Vector
+    hits: list[Hit]
+    losses: list[SlideOff]
     handed_over: dict[int, tuple[int, int, int]]
     too_deep: dict[tuple[int, int], float]
 
+    @property
+    def stands(self) -> bool:
+        """Whether it is met at t_{n−1} itself."""
+        return bool(self.hits or self.losses) and self.h < SHORTEST_STEP
+
+
+class May(NamedTuple):
+    """What may be met on a path: a corner hits a part, parts overlap, a corner leaves its edge."""
+
+    hits: bool = True
+    overlaps: bool = True
+    ends: bool = True
+
+
+ANYTHING = May()
+
 
 def look_ahead(
-    graph: ConstraintGraph, path: Path, h: float, slowest: float, allowed: float = np.inf
-) -> tuple[Arrival, list[Hit], list[SlideOff]]:
-    """The end of the path at h, and the earliest collisions and losses of support within it.
+    graph: ConstraintGraph,
+    path: Path,
+    h: float,
+    slowest: float,
+    allowed: float = np.inf,
+    may: May = ANYTHING,
+) -> Ahead:
+    """What is met first on a path to h.
 
     allowed : overlap that drift may leave [m]
-
-    One compiled pass over all constraints and candidates says whether there is anything to look at.
     """
-    geometry, near, active = graph.geometry, graph.candidates, graph.active_set()
-
-    def at_the_end() -> tuple:
-        candidates = near.corner, near.part, near.level, near.free
-        return arrive(
-            *(path.parts, h, near.listed_at, candidates),
-            *(active.place, geometry.radius, geometry.tables),
-        )
-
-    q, corners, centres, cosine, sine, clearance, moved, hit, ended = at_the_end()
-    if near.outdated(moved):
-        near.cover(path.start, q, active.place)
-        q, corners, centres, cosine, sine, clearance, moved, hit, ended = at_the_end()
-    pose = Pose(corners, centres, cosine, sine)
-    handed_over, losses = edge_ends(graph, path, h, pose) if ended else ({}, [])
-    hits = first_hits(graph, path, h, clearance, slowest) if hit else []
-    late, too_deep = late_hits(graph, path, h, pose, slowest, allowed)
-    return Arrival(h, q, pose, clearance, handed_over, too_deep), hits + late, losses
+    geometry, near = graph.geometry, graph.candidates
+    near.cover(path.start, path(h), graph.active_set().place)
+    pose = geometry.pose(path(h))
+    handed_over, losses = edge_ends(graph, path, h, pose) if may.ends else ({}, [])
+    hits = first_hits(graph, path, h, pose, slowest) if may.hits else []
+    too_deep: dict[tuple[int, int], float] = {}
+    if may.overlaps:
+        late, too_deep = late_hits(graph, path, h, pose, slowest, allowed)
+        hits += late
+    if not (hits or losses):
+        return Ahead(h, [], [], handed_over, too_deep)
+    first = min([*(hit.h for hit in hits), *(loss.h for loss in losses)])
+    hits = [hit for hit in hits if hit.h <= first + SAME_TIME]
+    losses = [loss for loss in losses if loss.h <= first + SAME_TIME]
+    if SHORTEST_STEP <= first < h:
+        pose = geometry.pose(path(first))
+        handed_over, _ = edge_ends(graph, path, first, pose)
+        _, too_deep = late_hits(graph, path, first, pose, np.inf, allowed)
+    return Ahead(min(first, h), hits, losses, handed_over, too_deep)
 
 
 def locate_zero(function: Callable[[float], float], h: float, f0: float, f1: float) -> float:
@@ -129,7 +149,7 @@ def approach_speed(
 
 
 def first_hits(
-    graph: ConstraintGraph, path: Path, h: float, clearance: Vector, slowest: float
+    graph: ConstraintGraph, path: Path, h: float, pose: Pose, slowest: float
 ) -> list[Hit]:
     """The earliest collisions along the path within h; several if simultaneous, sorted.
 
@@ -138,9 +158,10 @@ def first_hits(
     redundant there or the parts are not approaching (faster than `slowest`) along the normal of the
     edge concerned.
 
-    clearance : (L,) of all candidates at path(h)
+    pose : that of path(h)
     """
     geometry, near = graph.geometry, graph.candidates
+    clearance = geometry.clearance(pose, near.corner, near.part)
     way = ways(path.velocity, path.curvature, h, geometry.radius)
     both = way[geometry.corner_body[near.corner]] + way[geometry.part_body[near.part]]
     there = np.flatnonzero(near.free & ~miss(0.0, clearance - near.level, both))

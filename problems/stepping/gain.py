@@ -18,7 +18,7 @@ import numpy as np
 from problems.contacts.constraint_graph import Normal
 from problems.contacts.geometry_kernels import own_gains
 from problems.friction.kernels import QUIET_PASSES
-from problems.friction.passes import largest_gain
+from problems.friction.newton import largest_gain
 from problems.qp import Vector
 from problems.stepping.velocity import VelocityStep
 

@@ -35,45 +35,36 @@ This differs from the paper, because the text leaves it open or the rule fails a
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, NamedTuple, final
+from typing import Any, final
 
 import numpy as np
 
-from problems.bodies.path import Path
-from problems.contacts.assembly import Assembly
 from problems.contacts.constraint_graph import Friction
-from problems.formulas.multistep import (
-    REDONE,
-    SHORTEST_STEP,
-    STOP_TRIALS,
-    first_order_step,
-    first_redone_length,
-    next_length,
-    redone_length,
-)
-from problems.formulas.step_kernels import FAR_TOO_DEEP, fastest_body, stopping_lengths
-from problems.qp import Vector
+from problems.formulas.multistep import SHORTEST_STEP
+from problems.formulas.step_kernels import FAR_TOO_DEEP, fastest_body
+from problems.friction.passes import UNSETTLED
 from problems.scenes import Scene
 from problems.sequence import SimulationError, SolvesQPs
+from problems.stepping.driver import Driver
 from problems.stepping.events import (
     SAME_TIME,
     TOUCH_TOL,
-    Arrival,
+    Ahead,
     Hit,
+    May,
     SlideOff,
     look_ahead,
     touching,
 )
 from problems.stepping.options import StepperOptions
-from problems.stepping.quiet import LastStep, Quiet
+from problems.stepping.records import AGAIN, GIVES_UP, HELD, LOOK, MEETS, STANDS
 from problems.stepping.run import Run
+from problems.stepping.steps import MAX_TRIES
 from problems.stepping.system import System
 from problems.stepping.transitions import Transitions
-from problems.stepping.velocity import STUCK, Interval, VelocityStep
+from problems.stepping.velocity import VelocityStep
 
-MAX_TRIES = 60
-"""Trials of one step before the simulation gives up."""
+NOTHING_AHEAD = Ahead(np.inf, [], [], {}, {})
 JAM_TRIALS = 2
 """Trials of a step in which the friction passes may fail to settle before contacts jam."""
 JAM_STEP = 1e-4
@@ -97,8 +88,8 @@ def simulate(
     """Simulate `scene` with `solver` in the loop, to `until` [s], its end time or rest.
 
     eps and until default to the scene's own.
-    keep_qps : whether the run holds its QPs; without them, steps in which nothing happens are left
-        to the solver where it can take them, see `problems.stepping.quiet`
+    keep_qps : whether the run holds its QPs; those that it does not hold are left to the compiled
+        method of the solver, if it has one, see `problems.stepping.driver`
     progress : called with t after every accepted step, or after some at once
     settings : the others of `StepperOptions`, by name: friction="paper", fixed_step=0.005, …
 
@@ -126,51 +117,12 @@ def simulate(
     return system.finish()
 
 
-class Ahead(NamedTuple):
-    """What the path meets first, and where it is then: step 3, before any QP is solved.
-
-    hits, losses : the collisions and losses of support there, none where nothing is met
-    """
-
-    arrival: Arrival
-    hits: list[Hit]
-    losses: list[SlideOff]
-
-    @property
-    def stands(self) -> bool:
-        """Whether it is met at t_{n−1} itself."""
-        return bool(self.hits or self.losses) and self.arrival.h < SHORTEST_STEP
-
-
-@dataclass(eq=False)
-class Trial:
-    """What the next trial of a step is made with, and how many before it were in vain.
-
-    here : the columns at t_{n−1};  slip : (F,) G_Fᵀq̇ there
-    path : q(h), with the step length h [s], the one wished for, and the time not to be passed
-    signs : (F,) s of the contacts in J_FW, 0 of those in J_FO;  known : see `velocity`
-    unsettled, redone, located : trials whose passes did not settle, whose error was too large,
-        in which friction stopped
-    """
-
-    here: Assembly
-    slip: Vector
-    path: Path
-    h: float
-    wish: float
-    latest: float
-    signs: Vector
-    known: int
-    unsettled: int = 0
-    redone: int = 0
-    located: int = 0
-
-
 @final
 class Stepper:
     """One simulation by algorithm 1; `start` once, then `advance` step by step.
 
     system : state, forces, records;  transitions : what changes J_N, J_FO and J_FW
+    Steps are taken by a `Driver`, which says what they meet.
     """
 
     def __init__(
@@ -178,8 +130,8 @@ class Stepper:
     ) -> None:
         self.system = System(scene, solver, options, keep_qps)
         self.transitions = Transitions(self.system)
-        self._quiet = Quiet(self.system, self.transitions)
-        self._last: VelocityStep | None = None
+        self._driver = Driver(self.system)
+        self._looked = True
 
     def start(self) -> None:
         """J_N at t = 0, after the impulse that the initial velocities or F call for (§3.1).
@@ -244,222 +196,107 @@ class Stepper:
             raise ValueError(f"scene {system.scene.name!r}: {system.body_name(i)} {reason}")
 
     def advance(self, end: float) -> None:
-        """One accepted step, some quiet ones, or one event where no time passes."""
+        """One accepted step, some in which nothing happens, or one event where no time passes."""
+        driver, ahead, unsettled = self._driver, NOTHING_AHEAD, 0
         self.system.watch_progress()
-        taken, last = self._quiet.take_steps(end)
+        self._check_constraints()
+        driver.begin(end)
+        while True:
+            ended = self._go_on()
+            if ended == MEETS:
+                ahead = self._look_ahead()
+                if ahead.stands:
+                    self.transitions.standing_event(ahead.hits, ahead.losses)
+                    return
+            elif ended == UNSETTLED:
+                ahead, unsettled = NOTHING_AHEAD, unsettled + 1
+                self._see_to_failure(unsettled)
+            elif ended == HELD:
+                sticks = driver.lengths < driver.trial["h"]
+                driver.prepare(np.where(sticks, 0.0, driver.signs), ahead.handed_over)
+            else:
+                break
+        self._looked = ended != AGAIN
+        if ended == STANDS:
+            self._stop_here()
+        elif ended == LOOK:
+            self._see_to_step(ahead)
+        elif ended == GIVES_UP:
+            raise SimulationError(
+                f"t = {self.system.t:.6g}: no acceptable step after {MAX_TRIES} trials "
+                f"(h = {driver.trial['h']:.3g}); try a smaller eps or another solver"
+            )
+
+    def _go_on(self) -> int:
+        """Why no more steps are taken; those before one to be looked at were in quiet motion."""
+        system = self.system
+        before = system.counts["steps"]
+        ended = self._driver.go_on()
+        taken = system.counts["steps"] - before
         if taken:
-            self._after_quiet_steps(taken, last)
-            return
-        trial = self._first_trial(end)
-        for _ in range(MAX_TRIES):
-            ahead = self._look_ahead(trial)
-            if ahead.stands:
-                self.transitions.standing_event(ahead.hits, ahead.losses)
-                return
-            step = self._try_velocity(trial, ahead.arrival)
-            if self._jams(trial, step) or self._is_redone(trial, step):
-                continue
-            lengths = self._stopping_lengths(trial, step)
-            first = float(lengths.min(initial=np.inf))
-            if self._sticks_on_the_way(trial, lengths, first):
-                continue
-            if first < SHORTEST_STEP:
-                self._stop_here(trial, lengths, first)
-                return
-            if self._is_cut(trial, first):
-                continue
-            self._take(trial, ahead, step, lengths)
-            return
-        raise SimulationError(
-            f"t = {self.system.t:.6g}: no acceptable step after {MAX_TRIES} trials "
-            f"(h = {trial.h:.3g}); try a smaller eps or another solver"
-        )
+            self.transitions.time_moves_on()
+        if taken > (ended == LOOK):
+            system.gain_watch.calm()
+            system.rest_since = np.inf
+        return ended
 
-    def _first_trial(self, end: float) -> Trial:
-        """The first trial of the next step: h by (3.5), not beyond what is scheduled or `end`."""
-        system = self.system
-        here, gap_speed, slip = self._here()
-        self.transitions.check_constraints(here, gap_speed)
-        self.transitions.sort_signs(here, slip)
-        wish, latest = self._step_length(), system.scheduled()
-        return Trial(
-            here=here,
-            slip=slip,
-            path=system.history.path(system.q),
-            h=min(wish, min(latest, end) - system.t),
-            wish=wish,
-            latest=latest,
-            signs=np.array([friction.sign for friction in here.frictions], dtype=np.float64),
-            known=system.lam_known,
-        )
+    def _check_constraints(self) -> None:
+        """What is active is not approached where something has changed."""
+        if self._looked:
+            assembly = self.system.assembly()
+            self.transitions.check_constraints(assembly, assembly.gap_speed(self.system.history.v))
 
-    def _here(self) -> tuple[Assembly, Vector, Vector]:
-        """The columns at t_{n−1}, G_Nᵀq̇ and G_Fᵀq̇: those of the last step where they still hold."""
-        last, system = self._last, self.system
-        if last is not None:
-            same = last.v is system.history.v and last.assembly.active is system.graph.active_set()
-            if same:
-                return last.assembly, last.gap_speed, last.slip_speed
-        here = system.assembly()
-        return here, here.gap_speed(system.history.v), here.slip_speed(system.history.v)
+    def _look_ahead(self) -> Ahead:
+        """Step 3 as far as it concerns positions: h of the trial ends where something is met."""
+        system, driver, trial = self.system, self._driver, self._driver.trial
+        limits = system.slowest_approach, system.allowed_overlap
+        may = May(*(bool(trial[name]) for name in May._fields))
+        ahead = look_ahead(system.graph, driver.path, float(trial["h"]), *limits, may)
+        if not ahead.stands:
+            driver.cut(ahead.h, ahead.handed_over)
+        return ahead
 
-    def _look_ahead(self, trial: Trial) -> Ahead:
-        """Step 1, and step 3 as far as it concerns positions: h ends where something is met."""
-        system = self.system
-        graph, path, allowed = system.graph, trial.path, system.allowed_overlap
-        arrival, hits, losses = look_ahead(graph, path, trial.h, system.slowest_approach, allowed)
-        if not (hits or losses):
-            return Ahead(arrival, hits, losses)
-        first = min([*(hit.h for hit in hits), *(loss.h for loss in losses)])
-        hits = [hit for hit in hits if hit.h <= first + SAME_TIME]
-        losses = [loss for loss in losses if loss.h <= first + SAME_TIME]
-        if first < SHORTEST_STEP:
-            return Ahead(arrival._replace(h=first), hits, losses)
-        if first < trial.h:
-            trial.h = first
-            arrival, _, _ = look_ahead(graph, path, first, np.inf, allowed)
-        return Ahead(arrival, hits, losses)
+    def _see_to_failure(self, unsettled: int) -> None:
+        """After passes that did not settle: where they have `JAM_TRIALS` times, all may stick."""
+        system, driver, trial = self.system, self._driver, self._driver.trial
+        step, signs = driver.last_step(settled=False), driver.signs
+        self.transitions.watch_gain(step, signs)
+        if unsettled == JAM_TRIALS and signs.any():
+            self.transitions.restart(1)
+            system.h_last = float(trial["wish"])
+            trial["stuck"], trial["cut"] = 1, min(float(trial["h"]), JAM_STEP)
+            trial["longest"], trial["looked"], signs = np.inf, 0.0, np.zeros_like(signs)
+        driver.prepare(signs)
 
-    def _jams(self, trial: Trial, step: VelocityStep) -> bool:
-        """Whether the passes have failed `JAM_TRIALS` times: then everything may stick, shortly."""
-        if step.settled:
-            return False
-        trial.unsettled += 1
-        self.transitions.watch_gain(step, trial.signs)
-        if trial.unsettled != JAM_TRIALS or not trial.signs.any():
-            return False
-        self._reject()
-        self.transitions.restart(1)
-        trial.path = self.system.history.path(self.system.q)
-        trial.h, trial.known = min(trial.h, JAM_STEP), STUCK
-        trial.signs = np.zeros_like(trial.signs)
-        return True
-
-    def _is_redone(self, trial: Trial, step: VelocityStep) -> bool:
-        """Whether the trial does not do, and the next one is shorter."""
-        shorter = self._rejected_length(step, trial)
-        if shorter == np.inf:
-            return False
-        trial.h, trial.wish = shorter, min(trial.wish, shorter)
-        trial.redone += step.settled
-        self._reject()
-        return True
-
-    def _stopping_lengths(self, trial: Trial, step: VelocityStep) -> Vector:
-        """Where on the way each sliding contact stops [s], ∞ where it does not.  (F,)"""
-        eps = self.system.options.eps
-        return stopping_lengths(trial.signs, trial.slip, step.slip_speed, step.h, eps)
-
-    def _sticks_on_the_way(self, trial: Trial, lengths: Vector, first: float) -> bool:
-        """With `stops="held"`: whether what stops on the way is to stick for all of it."""
-        held = first < trial.h and self.system.options.stops == "held"
-        if held:
-            trial.signs = np.where(lengths < trial.h, 0.0, trial.signs)
-            self._reject()
-        return held
-
-    def _stop_here(self, trial: Trial, lengths: Vector, first: float) -> None:
+    def _stop_here(self) -> None:
         """Friction that stops at t_{n−1} itself: an event without a step."""
-        self._reject()
+        lengths = self._driver.lengths
         self.transitions.count_standstill()
-        stopped = np.flatnonzero(lengths <= first)
-        self.transitions.stick([trial.here.frictions[j] for j in stopped])
+        frictions = self.system.graph.active_set().frictions
+        stopped = np.flatnonzero(lengths <= lengths.min())
+        self.transitions.stick([frictions[j] for j in stopped])
 
-    def _is_cut(self, trial: Trial, first: float) -> bool:
-        """Whether friction stops on the way, where the step is to end."""
-        if not first < trial.h * (1 - 1e-6):
-            return False
-        trial.located += 1
-        trial.h = first if trial.located < STOP_TRIALS else min(first, trial.h / 2)
-        self._reject()
-        return True
-
-    def _take(self, trial: Trial, ahead: Ahead, step: VelocityStep, lengths: Vector) -> None:
-        """Accept a step, then steps 3 and 4."""
-        transitions, frictions = self.transitions, trial.here.frictions
-        self._accept(step, ahead.arrival, trial.wish)
-        transitions.watch_gain(step, trial.signs)
-        if trial.known == STUCK:
+    def _see_to_step(self, ahead: Ahead) -> None:
+        """Steps 3 and 4 after the last step that was taken."""
+        system, transitions, driver = self.system, self.transitions, self._driver
+        step, signs, lengths = driver.last_step(), driver.signs, driver.lengths
+        for row_id, place in ahead.handed_over.items():
+            before = system.place_name(system.graph.normals[row_id].place)
+            system.log("hand_over", f"{before} to {system.place_name(place)}")
+        if ahead.handed_over:
+            system.graph.hand_over(ahead.handed_over)
+        transitions.tell_of_overlaps(ahead.too_deep)
+        if system.options.drift == "projection":
+            system.project(step)
+        transitions.watch_gain(step, signs)
+        if driver.trial["stuck"]:
             transitions.jam(step)
-        stopped: list[Friction] = []
-        if frictions:
-            held = (trial.signs == 0) & ~transitions.slides(step)
-            ends = [frictions[j] for j in np.flatnonzero(held | (lengths <= trial.h))]
-            stopped = [friction for friction in ends if friction.sign != 0]
+        held = (signs == 0) & ~transitions.slides(step)
+        ends = np.flatnonzero(held | (lengths <= step.h))
+        stopped = [step.assembly.frictions[j] for j in ends]
+        stopped = [friction for friction in stopped if friction.sign != 0]
         self._after_step(step, ahead.hits, ahead.losses, stopped)
         self._watch_rest()
-
-    def _step_length(self) -> float:
-        """Step 1: h from (3.5), with limits on growth; the old one after a restart."""
-        system, options = self.system, self.system.options
-        if options.fixed_step is not None:
-            return options.fixed_step
-        steps, allowed = system.history.steps, np.inf
-        if steps:
-            allowed = system.history.largest_step(options.eps, system.equations.norm)
-        return next_length(system.h_last, steps, allowed, options.h_max)
-
-    def _try_velocity(self, trial: Trial, arrival: Arrival) -> VelocityStep:
-        """Step 2, at the end of the path."""
-        system, h = self.system, arrival.h
-        step = system.equations.solve(
-            system.qps,
-            Assembly(system.graph, arrival.q, arrival.handed_over, arrival.pose),
-            system.history,
-            Interval(system.q, min(system.t + h, trial.latest), h),
-            trial.signs,
-            trial.known,
-        )
-        if trial.known == STUCK and h <= 100 * SHORTEST_STEP:  # that short it is taken as it is
-            return step._replace(settled=True)
-        return step
-
-    def _rejected_length(self, step: VelocityStep, trial: Trial) -> float:
-        """A shorter h where the trial does not do, else ∞.
-
-        The iteration did not settle; or it is the first step after a restart, whose local error is
-        known only now; or, where that is to be checked, the error is much larger than (3.5) had it.
-        """
-        h, history, options = trial.h, self.system.history, self.system.options
-        if not step.settled:
-            return h / 2
-        if options.fixed_step is not None or trial.known == STUCK or h <= 100 * SHORTEST_STEP:
-            return np.inf
-        norm, eps = self.system.equations.norm, options.eps
-        if history.steps == 0:
-            return first_redone_length(h, first_order_step(norm(step.a), eps))
-        if trial.redone >= REDONE:
-            return np.inf
-        return redone_length(h, history.error(h, step.a, norm), eps)
-
-    def _reject(self) -> None:
-        self.system.qps.settle(accepted=False)
-        self.system.counts["rejected_steps"] += 1
-
-    def _accept(self, step: VelocityStep, arrival: Arrival, wish: float) -> None:
-        system, graph = self.system, self.system.graph
-        system.qps.settle(accepted=True)
-        self._last = step
-        system.t, system.q = step.t, step.q
-        system.history.push(step.h, step.v, step.a)
-        system.h_last = max(wish, step.h)
-        # λ from before a restart is never extrapolated: (4.4), (4.3), (4.2) after a jump in q̇, and
-        # (4.3), (4.3), (4.2) after one in q̈
-        system.lam_known = min(system.lam_known + 1, system.history.steps, 2)
-        graph.note_multipliers(step.lam_N)
-        for row_id, place in arrival.handed_over.items():
-            before = system.place_name(graph.normals[row_id].place)
-            system.log("hand_over", f"{before} to {system.place_name(place)}")
-        if arrival.handed_over:
-            graph.hand_over(arrival.handed_over)
-        graph.candidates.note_clearances(arrival.clearance)
-        self.transitions.tell_of_overlaps(arrival.too_deep)
-        gaps = step.assembly.columns.phi
-        if system.options.drift == "projection":
-            gaps, self._last = system.project(step), None
-        system.counts["steps"] += 1
-        self.transitions.time_moves_on()
-        system.record(step, gaps)
 
     def _after_step(
         self,
@@ -488,24 +325,6 @@ class Stepper:
             friction = step.assembly.frictions[j]
             if friction.sign == 0 and friction.row_id in self.system.graph.frictions:
                 self.transitions.slip(friction, -int(np.sign(step.slip_speed[j])))
-
-    def _after_quiet_steps(self, taken: int, last: LastStep | None) -> None:
-        """Step 4 after steps that were taken elsewhere, where it is not done."""
-        self._last = None
-        self.transitions.time_moves_on()
-        if last is None:
-            self.system.gain_watch.calm()
-            self.system.rest_since = np.inf
-            return
-        step = self._last = last.step
-        self.transitions.check_constraints(step.assembly, step.gap_speed)
-        if taken > 1:  # those before the last were quiet and in motion
-            self.system.gain_watch.calm()
-            self.system.rest_since = np.inf
-        self.transitions.watch_gain(step, last.signs)
-        stopped = [step.assembly.frictions[j] for j in np.flatnonzero(last.stopped)]
-        self._after_step(step, [], [], stopped)
-        self._watch_rest()
 
     @property
     def at_rest(self) -> bool:

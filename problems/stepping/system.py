@@ -25,7 +25,7 @@ from problems.stepping.events import DRIFT_ALLOWED, LEAST_ALLOWED
 from problems.stepping.gain import GainWatch
 from problems.stepping.options import StepperOptions
 from problems.stepping.run import Event, Run, Stretch
-from problems.stepping.velocity import NOTHING, VelocityEquations, VelocityStep
+from problems.stepping.velocity import VelocityStep
 
 MAX_CRAWL, CRAWLING = 20_000, 2e-8
 """So many steps that are shorter than this on average [s]: the simulation gives up."""
@@ -58,18 +58,12 @@ class System:
         in_order = sorted(scene.impulses, key=lambda impulse: (impulse.t, impulse.body))
         self._impulses = deque(in_order)
         self._times = sorted({*self.jumps, *(impulse.t for impulse in self._impulses)})
-        self.equations = VelocityEquations(
-            D=self.D,
-            forces=self.force,
-            velocity_dependent=any(force.velocity_dependent for force in forces),
-            eps=options.eps,
-            friction=options.friction,
-            drift_time=options.drift_time if options.drift == "baumgarte" else np.inf,
-        )
-        self.gain_watch = GainWatch(self.D, self.equations.velocity_dependent)
+        self.velocity_dependent = any(force.velocity_dependent for force in forces)
+        self.drift_time = options.drift_time if options.drift == "baumgarte" else inf
+        self.gain_watch = GainWatch(self.D, self.velocity_dependent)
         self.t = 0.0
         self.q = scene.q0.ravel().copy()
-        self.history = History(scene.v0.ravel().copy(), options.order)
+        self.history = History(scene.v0.ravel().copy())
         self.lam_known = 0
         self.h_last = options.h_first
         self.slowest_approach = 1e-3 * options.drop_tol
@@ -148,19 +142,12 @@ class System:
             F[3 * impulse.body : 3 * impulse.body + 3] += impulse.value
         return F
 
-    def record(self, step: VelocityStep | None = None, gaps: Vector = NOTHING) -> None:
+    def record(self) -> None:
         """Keep the state; no array of it is written to again."""
-        normal_ids, friction_ids, lam, gap = NO_ROWS, NO_ROWS, NOTHING, np.inf
-        if step is not None:
-            active = step.assembly.active
-            normal_ids, friction_ids = active.normal_ids, active.friction_ids
-            lam = np.concatenate([step.lam_N, step.lam_F])
-            if step.lam_N.size:
-                gap = float(gaps.min())
         self.stretches.append(
             Stretch(
-                *(np.array([self.t]), self.q[None], self.history.v[None], np.array([gap])),
-                *(normal_ids, friction_ids, lam[None]),
+                *(np.array([self.t]), self.q[None], self.history.v[None], np.array([inf])),
+                *(NO_ROWS, NO_ROWS, np.zeros((1, 0))),
             )
         )
 
@@ -187,15 +174,15 @@ class System:
         names = [self.body_name(int(self.graph.geometry.part_body[p])) for p in contact.pair]
         return f"{names[0]} and {names[1]}"
 
-    def project(self, step: VelocityStep) -> Vector:
-        """Close the gaps of the contacts that bear a load; φ (N,) of all after it."""
+    def project(self, step: VelocityStep) -> None:
+        """Close the gaps of the contacts that bear a load, where the last step has ended."""
         assembly = step.assembly
         loaded = np.flatnonzero(step.lam_N > 0)
         sticking = np.flatnonzero([friction.sign == 0 for friction in assembly.frictions])
         A = assembly.scaled(loaded, sticking, self.D)
-        u = closing_motion(assembly, A, self.D, np.arange(loaded.size), loaded)
-        self.q = self.q + u
-        return self.assembly().columns.phi
+        self.q = self.q + closing_motion(assembly, A, self.D, np.arange(loaded.size), loaded)
+        gap = self.assembly().columns.phi.min(initial=inf)
+        self.stretches[-1] = self.stretches[-1]._replace(q=self.q[None], gaps=np.array([gap]))
 
 
 def _sum_of(forces: Sequence[Force], q: Vector, v: Vector, t: float, f: Vector) -> Vector:

@@ -235,12 +235,6 @@ class Transitions:
         for friction, speed in zip(assembly.frictions, assembly.slip_speed(v), strict=True):
             friction.sign = 0 if abs(speed) <= self.system.options.eps else -int(np.sign(speed))
 
-    def sort_signs(self, assembly: Assembly, slip: Vector) -> None:
-        """Signs s_i such that (2.9b) is satisfied at t_{n−1}."""
-        for friction, speed in zip(assembly.frictions, slip, strict=True):
-            if friction.sign != 0 and speed != 0:
-                friction.sign = -int(np.sign(speed))
-
     def check_constraints(self, assembly: Assembly, speed: Vector) -> None:
         """g_Nᵀq̇ ≥ 0 must hold at the start of a step, to the accuracy of the QP.
 
@@ -248,7 +242,7 @@ class Transitions:
         """
         if not speed.size:
             return
-        speed = speed + np.maximum(assembly.columns.phi, 0.0) / self.system.equations.drift_time
+        speed = speed + np.maximum(assembly.columns.phi, 0.0) / self.system.drift_time
         if speed.min() < -APPROACHING * self.system.options.eps:
             i = int(np.argmin(speed))
             raise SimulationError(

@@ -243,7 +243,7 @@ def drift_findings(drifted: pd.DataFrame) -> list[str]:
         )
     compiled = table.xs("none, compiled", level="rule")["ratio"]
     notes.append(
-        "Compiled quiet steps, which no rule has, take without one "
+        "Steps whose QPs are left to a compiled method, as no rule's are, take without one "
         f"{_span(compiled)} times the time: a rule costs that, too."
     )
     return notes

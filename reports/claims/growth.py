@@ -2,7 +2,7 @@
 
     growth_times_FAMILY    runtime (setup + solve) of every backend at every size
     growth_calls_FAMILY    the whole call, with what our adapter does to pose the QP
-    growth_ratios          the fastest other backend over the paper's method
+    growth_ratios          the fastest other backend over our method
     growth_exponents       p in time ~ k^p
     growth_limits          where each backend stops, and why
 
@@ -23,6 +23,7 @@ from rich.console import Console
 
 from harness.claims.growth import FAR, FIT_FROM, STEP, STEPS, exponent, usable
 from harness.machine.machine import machine_label
+from harness.names import is_own
 from reports.parts.sentences import join
 from reports.parts.style import (
     BLUE,
@@ -108,13 +109,12 @@ def times_table(points: pd.DataFrame, family: str, column: str = "runtime") -> T
 
 
 def ratios_table(points: pd.DataFrame) -> Table:
-    """The fastest other backend against the paper's method, size by size."""
+    """The fastest other backend against our method, size by size."""
     good = usable(points)
     rows = []
     for (_, bodies), part in good.groupby(["family", "bodies"], sort=False):
         ours = part[part["solver"] == METHOD]
-        # variants of the paper's method are not others
-        others = part[~part["solver"].str.startswith(METHOD)]
+        others = part[~part["solver"].map(is_own).astype(bool)]
         if not len(ours) or not len(others):
             continue
         best, mine = others.loc[others["runtime"].idxmin()], ours.iloc[0]
@@ -131,10 +131,10 @@ def ratios_table(points: pd.DataFrame) -> Table:
     data = pd.DataFrame(rows, columns=columns)
     return Table(
         name="growth_ratios",
-        title="The paper's method and the fastest other backend",
+        title="Our method and the fastest other backend",
         reading=(
             f"ratio is the time of the fastest other backend over that of {METHOD}, among those "
-            "whose every answer is verified: above 1, the paper's method is faster. ratio of "
+            "whose every answer is verified: above 1, our method is faster. ratio of "
             "calls is the same with what it takes to pose the QP, and may have another backend "
             "for best."
         ),

@@ -1,4 +1,4 @@
-"""Guessing the active set beside the paper's method: a table by size and what it says.
+"""Guessing the active set beside algorithm 2: a table by size and what it says.
 
 Its numbers are those of `harness.criterion.enumeration_growth`.
 """
@@ -51,7 +51,7 @@ def enumeration_table(examination: Examination) -> Table:
             "share whose first guess is right, cold (least squares without bounds) and warm (the "
             "set of the QP before).  sets is the median of the sets tried cold, one linear system "
             f"each, and mean and most those of the QPs not given up after {MOST_SETS:,}.  "
-            "directions are the linear systems that the paper's method solves (mean); µs the "
+            "directions are the linear systems that our method solves (mean); µs the "
             "median times side by side, and their ratio."
         ),
         data=data,
@@ -103,7 +103,7 @@ def _random_notes(random: pd.DataFrame) -> list[str]:
         last = finite.index[finite < inf].max()
         notes.append(
             f"On random QPs the sets grow as {sets.factor:.2g} · {sets.base:.2f}ᵏ, the time as "
-            f"{own.base:.2f}ᵏ and that of the paper's method as {method.base:.2f}ᵏ (fitted "
+            f"{own.base:.2f}ᵏ and that of our method as {method.base:.2f}ᵏ (fitted "
             f"to the medians up to k = {last})."
         )
     if medians(random)["sets"].iloc[-1] == inf:
@@ -115,7 +115,7 @@ def _random_notes(random: pd.DataFrame) -> list[str]:
     seconds = loses_from(random, "seconds", "method_seconds")
     if systems is not None:
         notes.append(
-            f"It solves more linear systems than the paper's method from k = {systems} on: there "
+            f"It solves more linear systems than our method from k = {systems} on: there "
             "it would lose even if a set cost no more than a direction."
         )
     if seconds is not None:

@@ -1,7 +1,7 @@
-"""Are the method's estimates, ranks and accuracy what it takes them for: tables and their notes.
+"""Are algorithm 2's estimates, ranks and accuracy what it takes them for: tables and their notes.
 
     criterion_norms         Cline's estimate of ‖R⁻¹‖ and Karasalo's bound against singular values
-    criterion_rank          ranks decided by the method's QR and by the bound alone, and by the SVD
+    criterion_rank          ranks decided by its QR and by the bound alone, and by the SVD
     criterion_old_R         ‖R⁻¹‖ of an R that is kept, against that of today's A_F
     criterion_accuracy      ‖A δx‖/ε₀ at setting `paper`
     criterion_directions    the same by descent directions and by the age of R
@@ -66,7 +66,7 @@ def norms_table(examination: Examination) -> Table:
         name="criterion_norms",
         title="‖R⁻¹‖ estimated, and σ_min bounded",
         reading=(
-            "R is the method's factorization of n columns (median) of length 1: the free ones, "
+            "R is algorithm 2's factorization of n columns (median) of length 1: the free ones, "
             "whose multipliers lie between their bounds, or all of the QP.  Cline is the true "
             "‖R⁻¹‖ over its estimate, never below 1: median, 95th percentile, worst.  Karasalo "
             "is the bound over the true σ_min of R, never above 1: median, 5th percentile, least."
@@ -78,7 +78,7 @@ def norms_table(examination: Examination) -> Table:
 
 
 def rank_table(examination: Examination) -> Table:
-    """Ranks by the method's QR and by Karasalo's bound against the SVD."""
+    """Ranks by algorithm 2's QR and by Karasalo's bound against the SVD."""
     rows, notes = [], []
     for scene, columns, norms in _by_columns(examination):
         rows.append(
@@ -114,7 +114,7 @@ def rank_table(examination: Examination) -> Table:
         title="Ranks against the SVD",
         reading=(
             "deficient is the share of QPs whose columns depend on each other (σ ≤ 1e-10 σ_max); "
-            "then the shares on which the method's QR, and Karasalo's bound alone at 1e-10, find "
+            "then the shares on which algorithm 2's QR, and Karasalo's bound alone at 1e-10, find "
             "the rank of the SVD.  least σ is the smallest σ/σ_max that the QR counts, next σ the "
             "largest that it does not."
         ),
@@ -165,7 +165,7 @@ def kept_table(examination: Examination) -> Table:
         reading=(
             "Pairs of QPs of one stretch s apart, with the free columns of the later one: grown "
             "is ‖R⁻¹‖ today over what it was (median, 95th percentile, worst); over estimate, the "
-            "same over Cline's estimate then, which is what the method divides ε₀ by.  dependent "
+            "same over Cline's estimate then, which is what algorithm 2 divides ε₀ by.  dependent "
             "is the share where the columns were, or are, dependent."
         ),
         data=data,
@@ -213,7 +213,7 @@ def accuracy_table(examination: Examination) -> Table:
         reading=(
             "The worst over all QPs with a reference, from each start: cold; warm, from the last "
             "QP; from the solution 5 and 20 QPs ago; and shaken, warm with a random force added "
-            "to every QP.  lotstedt[old_r] keeps R at every size, never keeps it as long as it "
+            "to every QP.  lotstedt keeps R at every size, never keeps it as long as it "
             "can.  beyond counts the solves above 1; printed is the worst with the paper's ε₀ "
             f"in (3.20) instead of ε₀/{SAFETY:g}, and beyond it counts again."
         ),

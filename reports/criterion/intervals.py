@@ -158,10 +158,11 @@ def regret_table(measured: Sequence[Measurement], column: str) -> Table:
             f"cost is the mean per QP at the best fixed interval, in {'µs' if timed else what}; "
             "the rules stand with what they cost above it.  Below 0, a rule is better than every "
             "fixed interval.  exact factorizes every QP and, where A is dense, needs no conjugate "
-            "gradients; always does with them; paper gives conjugate gradients up in the middle of "
-            "a QP; deferred finishes the QP and factorizes the next; fitted has the threshold of "
-            "the fitted c and r; online stops when the average cost stops falling, and prices a "
-            "factorization by its time; shipped is the default of the solver."
+            "gradients; always does with them; paper is the printed rule at once, in place of the "
+            "iteration that would exceed √(2 C_QR/C_IT); deferred is the printed rule that "
+            "finishes the QP and factorizes the next; fitted has the threshold of the fitted c and "
+            "r; online stops when the average cost stops falling, and prices a factorization by "
+            "its time; shipped is our own method, the default."
         ),
         data=pd.DataFrame(rows),
         formats={

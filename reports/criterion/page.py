@@ -1,4 +1,4 @@
-"""What `glambda criterion` prints and writes: the tables and figures of the criterion.
+"""What `glambda criterion` prints and writes: advice, the tables and figures of the criterion.
 
 After them come the tables of what else of the method was examined: its estimates of norms and
 ranks, the accuracy that it reaches, guessing the active set beside it, the ways to (4.8), and
@@ -14,6 +14,7 @@ from rich.console import Console
 
 from harness.criterion.examination import Examination
 from harness.criterion.measurement import Measurement
+from reports.criterion.advice import advice
 from reports.criterion.enumeration import enumeration_table
 from reports.criterion.estimates import (
     accuracy_table,
@@ -63,7 +64,9 @@ def examination_tables(examination: Examination | None) -> list[Table]:
 def print_criterion(
     console: Console, measured: Sequence[Measurement], examination: Examination | None = None
 ) -> None:
-    """Print every table with its notes."""
+    """Print the advice, and every table with its notes."""
+    for sentence in advice(measured):
+        console.print(sentence, markup=False, highlight=False)
     print_tables(console, [*tables_of(measured), *examination_tables(examination)])
 
 
@@ -96,7 +99,7 @@ def write_criterion(
                 lambda path: plot_kept(kept, path),
             )
         )
-    parts = ["# When to refactorize\n"]
+    parts = ["# When to refactorize\n", *(f"{sentence}\n" for sentence in advice(measured))]
     for name, caption, plot in figures:
         draw_files(plot, folder / name)
         parts.append(f"![{caption}]({name}.png)\n")

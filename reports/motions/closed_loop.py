@@ -77,7 +77,7 @@ def reference_table(found: Sequence[Findings]) -> Table:
         name="closed_loop_reference",
         title="The reference, and the error of ε",
         reading=(
-            "exact QPs (the paper's method at 1e-12 of the scale) at ε, at the smaller ε of the "
+            "exact QPs (our method at 1e-12 of the scale) at ε, at the smaller ε of the "
             "check and at the ten times smaller one of the reference. check off by: its distance "
             "from the reference; the reference itself is off by a ninth of that, the error being "
             "proportional to ε. error of ε: what exact QPs at ε leave. All up to the time that "

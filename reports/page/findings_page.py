@@ -15,7 +15,7 @@ def findings_page(
     unflattering: Sequence[str] | None,
     tables: Mapping[str, Sequence[Table]],
 ) -> str:
-    """The answers, what is missing, where the paper's method loses, and where the numbers are.
+    """The answers, what is missing, where our method loses, and where the numbers are.
 
     tables : by name, those of one file together
     """
@@ -26,7 +26,7 @@ def findings_page(
     if missing:
         parts += ["## What these results do not hold", _listed(missing)]
     if unflattering is not None:
-        parts += ["## Where the paper's method does not win", _listed(unflattering)]
+        parts += ["## Where our method does not win", _listed(unflattering)]
     files = [f"[{name}](tables/{name}.csv): {_contents(same)}." for name, same in tables.items()]
     parts += ["## The numbers", "[index.html](index.html) shows all of them.", _listed(files)]
     return "\n\n".join(parts) + "\n"

@@ -8,7 +8,7 @@
 1. Read the results folder (`reports.rows.results`).
 2. Make every table that its rows allow, and write it as CSV.
 3. Draw every figure, as SVG for the page and as PNG for elsewhere.
-4. Put the answers first, then the evidence, then where the paper's method loses, then how to get
+4. Put the answers first, then the evidence, then where our method loses, then how to get
    the same numbers again.
 
 The same results give the same bytes: there is no date on the page.
@@ -23,10 +23,10 @@ from typing import Any
 
 import pandas as pd
 
+from harness.names import is_own
 from reports.motions.frames import plot_scene
 from reports.page.findings_page import findings_page
 from reports.page.page_figures import PageFigures
-from reports.parts.names import is_method
 from reports.parts.sentences import Answer, join
 from reports.parts.style import draw_files
 from reports.parts.table import Table, write_tables, write_text
@@ -39,9 +39,21 @@ from reports.sections.certificates import (
     plot_certificates,
     references_table,
 )
+from reports.sections.disturbances import disturbances_table
 from reports.sections.figures import plot_accuracy, plot_cost, plot_profiles
-from reports.sections.findings import how_accurate, warm_start_worth, which_method
+from reports.sections.findings import (
+    how_accurate,
+    sequence_arm,
+    warm_start_worth,
+    which_method,
+)
 from reports.sections.forms import form_rows, forms_answer, forms_tables, plot_forms
+from reports.sections.outside import (
+    answers_table,
+    outside_answer,
+    outside_tables,
+    plot_outside,
+)
 from reports.sections.pareto import (
     pareto_answer,
     pareto_tables,
@@ -51,6 +63,7 @@ from reports.sections.pareto import (
 )
 from reports.sections.physics import physics_table
 from reports.sections.protocol import protocol, recordings_table, reproduce, versions_table
+from reports.sections.ranking import ranking_table
 from reports.sections.spread import spread_table
 from reports.sections.starts import plot_starts, starts_answer, starts_tables
 from reports.sections.tables import (
@@ -62,7 +75,13 @@ from reports.sections.tables import (
     verified_table,
     warm_table,
 )
-from reports.sections.thresholds import criterion_answer, criterion_tables, thresholds
+from reports.sections.thresholds import (
+    criterion_answer,
+    criterion_tables,
+    keeper,
+    thresholds,
+)
+from reports.sections.warm_worth import change_table, split_table
 from reports.sections.work import plot_work, work_rows
 
 LONG = 60
@@ -138,6 +157,7 @@ class _Writer:
         results = self.results
         criterion = [self.table(table) for table in criterion_tables(results)]
         found = certificates_of(results)
+        outside = outside_tables(results)
         candidates = [
             which_method(results),
             how_accurate(results),
@@ -147,6 +167,7 @@ class _Writer:
             starts_answer(results),
             forms_answer(results),
             pareto_answer(results),
+            outside_answer(outside),
         ]
         context: dict[str, Any] = {
             "lead": lead(results),
@@ -162,6 +183,8 @@ class _Writer:
             "warm": self.warm(),
             "starts": self.starts(),
             "forms": self.forms(),
+            "disturbed": self.disturbed(),
+            "outside": self.outside(outside),
             "criterion": criterion,
             "unflattering": unflattering(results),
             "protocol": protocol(results),
@@ -187,7 +210,7 @@ class _Writer:
             threshold = thresholds(results).get(scene)
             entry["work"] = self.figure(
                 f"work_{scene}",
-                f"{scene}, {METHOD} warm at setting {results.headline}: events, number of "
+                f"{scene}, {keeper(results)} warm at setting {results.headline}: events, number of "
                 "multipliers, descent directions and conjugate gradient iterations along the "
                 "motion.  Ticks at the foot: factorizations."
                 + ("  Dashed: the paper's threshold √(2 C_QR/C_IT)." if threshold else ""),
@@ -244,7 +267,10 @@ class _Writer:
         results = self.results
         if results.headline is None:
             return None
+        arm = sequence_arm(results)
+        ranked = [self.table(ranking_table(results, name, arm)) for name in results.settings]
         tables = [self.table(cost_table(results, name)) for name in results.settings]
+        tables += ranked[1:]
         tables += [self.table(spread_table(results, name)) for name in results.settings]
         figures = []
         name = _with_times(results)
@@ -263,7 +289,12 @@ class _Writer:
                     lambda path: plot_profiles(results, name, path),
                 ),
             ]
-        return {"headline": tables[0], "tables": tables[1:], "figures": figures}
+        return {
+            "ranking": ranked[0],
+            "headline": tables[0],
+            "tables": tables[1:],
+            "figures": figures,
+        }
 
     def pareto(self) -> dict[str, Any] | None:
         tables = [self.table(table) for table in pareto_tables(self.results)]
@@ -308,11 +339,36 @@ class _Writer:
             ]
         return {"headline": tables[0], "tables": tables[1:], "figures": figures}
 
+    def disturbed(self) -> dict[str, Any] | None:
+        table = disturbances_table(self.results)
+        return None if table is None else self.table(table)
+
+    def outside(self, tables: list[Table]) -> dict[str, Any] | None:
+        if not tables:
+            return None
+        figures = []
+        if outside_answer(tables) is not None:
+            figures = [
+                self.figure(
+                    "outside",
+                    "Recordings from outside: time of a QP over that of ours, of all backends that "
+                    "are verified on every QP; the fastest of the others is named.",
+                    lambda path: plot_outside(tables[0], path),
+                )
+            ]
+        own = answers_table(self.results)
+        made = [self.table(table) for table in (*tables, *([own] if own else []))]
+        return {"headline": made[0], "tables": made[1:], "figures": figures}
+
     def warm(self) -> dict[str, Any] | None:
         results = self.results
         if not set(ARMS) <= set(results.rows["arm"].unique()):
             return None
         tables = [self.table(warm_table(results, name)) for name in results.settings]
+        told_apart = [split_table(results, name) for name in results.settings]
+        changed = [change_table(results, name) for name in results.settings[:1]]
+        more = [self.table(table) for table in (*told_apart, *changed) if table is not None]
+        tables = [*more, *tables]
         return {"headline": tables[0], "tables": tables[1:]}
 
 
@@ -338,7 +394,7 @@ def table_context(table: Table) -> dict[str, Any]:
             for column in columns
             if column["name"] != hidden
         ]
-        own = is_method(str(row.get("solver", "")))
+        own = is_own(str(row.get("solver", "")))
         groups[-1]["rows"].append({"cells": cells, "own": own})
     return {
         "name": table.name,
@@ -384,7 +440,7 @@ def lead(results: Results) -> str:
 
 
 def unflattering(results: Results) -> list[str] | None:
-    """Where the paper's method does not win, or a warm start slows it; None if it was not run."""
+    """Where our method does not win, or a warm start slows it; None if it was not run."""
     if METHOD not in results.solvers:
         return None
     said: list[str] = []
@@ -393,7 +449,7 @@ def unflattering(results: Results) -> list[str] | None:
         for scene, arm in _runs(results):
             comparison = compare(results.rows, scene, setting, arm)
             said += losses(comparison)
-            if METHOD in comparison.solvers and not all(map(is_method, comparison.solvers)):
+            if METHOD in comparison.solvers and not all(map(is_own, comparison.solvers)):
                 against_others += 1
             elif comparison.qps:
                 alone += 1
@@ -476,8 +532,10 @@ def _contents(context: dict[str, Any]) -> Sequence[tuple[str, str]]:
             ("warm-start", "Warm start", context["warm"]),
             ("starts", "Quality of the start", context["starts"]),
             ("forms", "Forms of the QP", context["forms"]),
+            ("disturbed", "Disturbances", context["disturbed"]),
+            ("outside", "Outside the four scenes", context["outside"]),
             ("criterion", "Criterion", context["criterion"]),
-            ("unflattering", "Where the method loses", context["unflattering"] is not None),
+            ("unflattering", "Where our method loses", context["unflattering"] is not None),
             ("protocol", "How it was measured", True),
             ("reproduce", "How to reproduce", True),
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from harness.names import METHOD
+from harness.names import is_own
 
 
 def in_order(names: Any, order: tuple[str, ...]) -> list[str]:
@@ -25,10 +25,5 @@ def is_number(setting: str) -> bool:
 
 
 def solver_order(name: str) -> tuple[bool, str]:
-    """Sort key: the paper's method and its variants first, the others by name."""
-    return (not is_method(name), name)
-
-
-def is_method(name: str) -> bool:
-    """Whether `name` is the paper's method or a variant of it."""
-    return name == METHOD or name.startswith(METHOD + "[")
+    """Sort key: our method, then the paper's and its variants, then the others by name."""
+    return (not is_own(name), name)

@@ -1,7 +1,7 @@
 """One table of a report: its numbers as they are, how they are printed, and what they say.
 
 A table carries its numbers as measured (for CSV), how to print them (for Markdown and the page), a
-line on how to read it, and notes that its own numbers gave rise to: where the paper's method loses,
+line on how to read it, and notes that its own numbers gave rise to: where our method loses,
 the note stands under the table that shows it.
 """
 

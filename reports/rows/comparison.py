@@ -67,7 +67,7 @@ class Comparison:
 
     @property
     def solvers(self) -> list[str]:
-        """The compared solvers, the paper's method and its variants first."""
+        """The compared solvers, our method first, then the paper's and its variants."""
         return sorted(self.rows["solver"].unique(), key=solver_order)
 
     def summary(self) -> pd.DataFrame:

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from harness.names import is_own
 from reports.motions.frames import animate_scene, plot_scene
-from reports.parts.names import is_method
 from reports.parts.style import (
     BLUE,
     COLD,
@@ -204,7 +204,7 @@ def _panels(
             axes.set_xscale("log")
             axes.set_ylim(len(solvers) - 0.5, -0.5)
             for line, solver in enumerate(solvers):
-                if is_method(solver):
+                if is_own(solver):
                     axes.axhspan(line - 0.5, line + 0.5, color=FAINT, alpha=0.3, linewidth=0)
             draw(axes, scene)
             _decades(axes)
@@ -309,18 +309,18 @@ def plot_profiles(results: Results, setting: str, path: str | Path) -> Path:
 
 
 def _line_looks(solvers: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Colour and dash of each backend: the paper's method in ink and thick, its variants in ink."""
+    """Colour and dash of each backend: our method in ink and thick, the paper's in ink."""
     dashes = ["-", (0, (5, 1.5)), (0, (1, 1)), (0, (6, 1.5, 1, 1.5))]
     colours = [BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY]
     looks: dict[str, dict[str, Any]] = {}
-    own = [name for name in solvers if is_method(name)]
+    own = [name for name in solvers if is_own(name)]
     for i, name in enumerate(own):
         looks[name] = {
             "color": INK,
             "linestyle": dashes[i % len(dashes)],
             "linewidth": 2.4 if name == METHOD else 1.4,
         }
-    for i, name in enumerate(name for name in solvers if not is_method(name)):
+    for i, name in enumerate(name for name in solvers if not is_own(name)):
         looks[name] = {
             "color": colours[i % len(colours)],
             "linestyle": dashes[i // len(colours) % len(dashes)],

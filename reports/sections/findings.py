@@ -1,20 +1,22 @@
 """What a study found, in sentences computed from its rows.
 
 Nothing here is written in advance: each answer is put together from the numbers of the study at its
-headline setting, and says so where they are missing.  The same answer that praises the paper's
-method says where it loses.
+headline setting, and says so where they are missing.  The same answer that praises our method says
+where it loses.
 """
 
 from __future__ import annotations
 
 import pandas as pd
 
-from reports.parts.names import is_method, solver_order
+from harness.names import is_own
+from reports.parts.names import solver_order
 from reports.parts.sentences import Answer, join, ordinal
 from reports.parts.table import microseconds, percent, scientific, short
 from reports.rows.comparison import compare, pool, summarise
 from reports.rows.results import ARMS, METHOD, Results
 from reports.sections.tables import SLOWER, warm_pairs, warm_row
+from reports.sections.warm_worth import warm_answer
 
 
 def sequence_arm(results: Results) -> str:
@@ -24,7 +26,7 @@ def sequence_arm(results: Results) -> str:
 
 
 def which_method(results: Results) -> Answer | None:
-    """The fastest backend verified on every QP, and the paper's method beside it."""
+    """The fastest backend verified on every QP, and our method beside it."""
     setting = results.headline
     if setting is None:
         return None
@@ -51,19 +53,19 @@ def which_method(results: Results) -> Answer | None:
     ]
     sound = table[table["verified"] == 1.0].sort_values("mean", kind="stable")
     if METHOD not in table.index:
-        said.append(f"The paper's method ({METHOD}) is not among them.")
+        said.append(f"Our method ({METHOD}) is not among them.")
     elif best.name == METHOD:
         if len(sound) > 1:
             second = sound.iloc[1]
             said.append(
-                f"It is the paper's method, {short(second['ratio'])} times faster than the next, "
+                f"It is our method, {short(second['ratio'])} times faster than the next, "
                 f"{second.name} ({microseconds(second['mean'])} µs)."
             )
     else:
         own = table.loc[METHOD]
         rank = 1 + int((sound["mean"] < own["mean"]).sum())
         said.append(
-            f"The paper's method ({METHOD}) needs {microseconds(own['mean'])} µs, "
+            f"Our method ({METHOD}) needs {microseconds(own['mean'])} µs, "
             f"{short(own['ratio'])} times as much"
             + (
                 f", and stands {ordinal(rank)} of the {len(sound)} verified on every QP."
@@ -71,8 +73,8 @@ def which_method(results: Results) -> Answer | None:
                 else f", and is verified on {percent(own['verified'])} of them only."
             )
         )
-    others = sound[[not is_method(str(name)) for name in sound.index]]
-    if METHOD in table.index and is_method(str(best.name)) and len(others):
+    others = sound[[not is_own(str(name)) for name in sound.index]]
+    if METHOD in table.index and is_own(str(best.name)) and len(others):
         rival = others.iloc[0]
         said.append(
             f"Of everybody else verified on every QP the fastest is {rival.name}, "
@@ -95,7 +97,7 @@ def which_method(results: Results) -> Answer | None:
 
 
 def scene_wins(results: Results, setting: str, arm: str) -> tuple[list[str], list[str]]:
-    """Scenes on which the paper's method has the least median of all verified, and the others."""
+    """Scenes on which our method has the least median of all verified, and the others."""
     wins: list[str] = []
     defeats: list[str] = []
     for scene in results.scenes:
@@ -152,7 +154,10 @@ def how_accurate(results: Results) -> Answer | None:
 
 
 def warm_start_worth(results: Results) -> Answer | None:
-    """The paper's method warm against cold, and who gains most and least."""
+    """What the object and what the start is worth, or both where they were not told apart."""
+    told_apart = warm_answer(results)
+    if told_apart is not None:
+        return told_apart
     setting = results.headline
     if setting is None or not set(ARMS) <= set(results.rows["arm"].unique()):
         return None
@@ -168,7 +173,8 @@ def warm_start_worth(results: Results) -> Answer | None:
         own = table.loc[METHOD]
         share = own["one direction, warm"]
         said.append(
-            f"{METHOD} needs {short(own['time ratio'])} of its cold time when started warm, "
+            f"{METHOD} needs {short(own['time ratio'])} of its cold time when started warm, what "
+            "it saves by keeping its object included, "
             f"over {int(own['pairs']):,} QPs that do not follow a restart"
             + (
                 f"; {percent(share)} of them take at most one descent direction, "

@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from reports.parts.names import in_order, is_method, is_number, solver_order
+from harness.names import is_own
+from reports.parts.names import in_order, is_number, solver_order
 from reports.parts.sentences import Answer, join
 from reports.parts.style import FAINT, INK, PAGE_WIDTH, PAPER, SOFT, VERMILLION, drawing, save
 from reports.parts.table import Table, microseconds, percent, scientific, short
@@ -205,7 +206,7 @@ def _panel(axes: Axes, points: pd.DataFrame) -> None:
     lines = []
     for solver, part in points.groupby("solver", sort=False):
         part = part[np.isfinite(part["error"])]
-        own = is_method(str(solver))
+        own = is_own(str(solver))
         colour = VERMILLION if own else SOFT
         x, y = 1e6 * part["time"], part["error"].clip(lower=FLOOR)
         swept = part["asked"] != DEFAULTS
@@ -297,8 +298,8 @@ def pareto_answer(results: Results) -> Answer | None:
 
 def _rival(points: pd.DataFrame, level: float, winner: str) -> str:
     """The next solver that is not of the winner's kind."""
-    own = is_method(winner)
-    same = points["solver"].map(is_method if own else lambda name: name == winner).astype(bool)
+    own = is_own(winner)
+    same = points["solver"].map(is_own if own else lambda name: name == winner).astype(bool)
     rival = fastest_for(points[~same], level)
     if rival is None:
         return "; nobody else reaches it"

@@ -13,11 +13,12 @@ import pandas as pd
 
 from harness.passes.limits import TIME_LIMIT
 from harness.recordings.recording import Reference
+from harness.study.disturb import SEED
 from problems.stepping.options import StepperOptions
 from reports.parts.names import in_order, solver_order
 from reports.parts.table import Table, percent, scientific, short, whole
 from reports.rows.comparison import SHIFT, SKIP_LIMIT
-from reports.rows.results import ARMS, Results
+from reports.rows.results import ARMS, DISTURBED, Results
 
 RUN_OPTIONS = (
     *("eps", "until", "fixed_step", "stops", "friction", "impulses"),
@@ -82,6 +83,7 @@ def _machine(results: Results) -> list[tuple[str, str]]:
     return [
         ("References", _references(results)),
         ("Clock", _clock(results)),
+        ("Belief", _belief(results)),
         ("Pace", _pace(results)),
         ("Harness", _harness(results)),
     ]
@@ -106,6 +108,21 @@ def _clock(results: Results) -> str:
         f"Two readings that differ do so by {short(resolution)} µs or more.  A solve that does "
         f"nothing takes {short(empty)} µs as a whole, and {short(booked)} µs of that are booked as "
         "setup and solve."
+    )
+
+
+def _belief(results: Results) -> str:
+    """Whose own clocks were not believed."""
+    rows = results.rows[results.rows["verified"]]
+    if rows.empty:
+        return ""
+    doubted = rows.loc[~rows["believed"].astype(bool), "solver"].value_counts()
+    named = ", ".join(f"{solver} {count:,}" for solver, count in doubted.items())
+    return (
+        "What a backend tells of its time is held against the wall and processor time that its "
+        "process was seen to take, from outside.  Where more was seen, or its stages leave it "
+        "unexplained, that is charged, and the row is not believed: "
+        f"{named or 'none'}, of {len(rows):,} verified solves."
     )
 
 
@@ -152,15 +169,17 @@ def versions_table(results: Results) -> Table:
                 "arms": ", ".join(in_order(part["arm"].unique(), ARMS)),
                 "solves": int((~part["skipped"]).sum()),
                 "skipped": int(part["skipped"].sum()),
+                "not believed": int((part["verified"] & ~part["believed"].astype(bool)).sum()),
             }
         )
     data = pd.DataFrame(sorted(out, key=lambda row: solver_order(str(row["solver"]))))
     return Table(
         name="versions",
         title="Backends and versions",
-        reading="One line per backend, over all scenes, settings and arms.",
+        reading="One line per backend, over all scenes, settings and arms.  Not believed: verified "
+        "solves that are charged more than they told of.",
         data=data,
-        formats={"solves": whole, "skipped": whole},
+        formats={"solves": whole, "skipped": whole, "not believed": whole},
     )
 
 
@@ -252,12 +271,17 @@ def record_command(label: str, parameters: Mapping[str, Any]) -> str:
 
     parameters : of the recording; they tell how it was run
 
-    A stretched recording is made from that of its scene.
+    A stretched or disturbed recording is made from that of its scene.
     """
     original, stretched, condition = label.partition(",condition=")
     if stretched:
         asked = f"--condition {shlex.quote(condition)}"
         return f"glambda stretch {_file(original)} {asked} -o recordings"
+    original, disturbed, kind = label.partition(DISTURBED)
+    if disturbed:
+        seed = parameters.get("disturbed.seed", SEED)
+        asked = f"--kinds {shlex.quote(kind)}" + (f" --seed {seed}" if seed != SEED else "")
+        return f"glambda disturb {_file(original)} {asked} -o recordings"
     name, *chosen = label.split(",")
     how: dict[str, Any] = {}
     if chosen and chosen[-1].startswith("friction="):  # of the run, and not of the scene

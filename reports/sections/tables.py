@@ -13,8 +13,9 @@ import numpy as np
 import pandas as pd
 
 from harness.judging.facts import UNKNOWN, rank_of
+from harness.names import is_own
 from reports.parts.intervals import SURE, geometric_mean
-from reports.parts.names import is_method, solver_order
+from reports.parts.names import solver_order
 from reports.parts.table import Format, Table, microseconds, percent, scientific, times, whole
 from reports.rows.comparison import SHIFT, Comparison, compare, shifted_geometric_mean
 from reports.rows.results import ARMS, METHOD, Results
@@ -150,7 +151,7 @@ def _place(row: dict[str, Any]) -> tuple[str, tuple[bool, str]]:
 
 
 def _miss_notes(data: pd.DataFrame) -> list[str]:
-    """Who missed, in words; the paper's method first."""
+    """Who missed, in words; our method first."""
     if data.empty:
         return []
     notes = []
@@ -244,7 +245,7 @@ def cost_table(results: Results, setting: str) -> Table:
 
 
 def losses(comparison: Comparison) -> list[str]:
-    """Where the paper's method is beaten by a backend verified on every QP, in words."""
+    """Where our method is beaten by a backend verified on every QP, in words."""
     table = comparison.summary()
     where = f"On {comparison.scene} ({comparison.arm}, {comparison.setting})"
     if METHOD not in table.index:
@@ -305,8 +306,8 @@ def warm_table(results: Results, setting: str) -> Table:
             "so are impulses and minimum-norm problems.  pairs are the QPs verified both ways; "
             "means are shifted geometric means in µs.  time ratio is the geometric mean of warm "
             f"over cold, QP by QP, with the range of {percent(SURE)} of resampled sequences; below "
-            "1 is a gain.  one direction: share of QPs that the paper's method solves with at "
-            "most one descent direction."
+            "1 is a gain.  one direction: share of QPs that our method, or the paper's, solves "
+            "with at most one descent direction."
         ),
         data=data,
         formats={
@@ -339,7 +340,7 @@ def warm_row(solver: str, pairs: pd.DataFrame) -> dict[str, Any]:
     }
     for arm in ARMS:
         counted = both[f"descent_directions_{arm}"].dropna()
-        known = len(counted) > 0 and is_method(solver)
+        known = len(counted) > 0 and is_own(solver)
         row[f"one direction, {arm}"] = (counted <= 1).mean() if known else np.nan
     return row
 
@@ -356,7 +357,7 @@ def _warm_notes(data: pd.DataFrame) -> list[str]:
 
 
 def slow_starts(results: Results, setting: str) -> list[str]:
-    """Scenes on which the paper's method is slower when it is started warm, in words."""
+    """Scenes on which our method is slower when it is started warm, in words."""
     said = []
     for scene in results.scenes:
         pairs = warm_pairs(results.rows, scene, setting)

@@ -14,12 +14,22 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from reports.parts.names import is_method, solver_order
+from harness.names import METHOD, PAPER, is_own
+from reports.parts.names import solver_order
 from reports.parts.sentences import Answer, join
 from reports.parts.table import Table, microseconds, percent, short, times, whole
-from reports.rows.results import METHOD, Results
+from reports.rows.results import Results
 
-OLD_R = f"{METHOD}[old_r]"
+DO = {
+    PAPER: "at once where a direction would take more iterations than √(2 C_QR/C_IT)",
+    f"{PAPER}[deferred]": (
+        "at the next QP where a direction took more iterations than √(2 C_QR/C_IT)"
+    ),
+    f"{PAPER}[online]": (
+        "at the next QP where the last cost more than the average since the last factorization"
+    ),
+}
+"""Methods that keep R at every size, and what their rules say."""
 SLOW = 100.0
 """Operations per µs below which the time of a solve cannot be that of its arithmetic."""
 
@@ -35,7 +45,7 @@ def thresholds(results: Results) -> dict[str, float]:
 def sequence_rows(results: Results, scene: str) -> pd.DataFrame:
     """Rows of the QPs that a warm start can serve, at the study's first setting.
 
-    The QPs are those that the paper's method solved warm; a backend without a warm start stands
+    The QPs are those that `keeper` solved warm; a backend without a warm start stands
     with its cold rows on the same QPs.
     """
     rows = results.rows
@@ -53,14 +63,14 @@ def sequence_rows(results: Results, scene: str) -> pd.DataFrame:
 
 
 def keeper(results: Results) -> str:
-    """The variant that keeps an old R at every size, if it was run: the criterion is about it."""
-    return OLD_R if OLD_R in results.solvers else METHOD
+    """The paper's method, which the criterion is of, if it was run; else ours."""
+    return PAPER if PAPER in results.solvers else METHOD
 
 
 def criterion_tables(results: Results) -> list[Table]:
     """The criterion per scene, and what variants and backends cost on the same QPs.
 
-    Empty where the paper's method was not run warm on any scene.
+    Empty where neither the paper's method nor ours was run warm on any scene.
     """
     scenes = [scene for scene in results.scenes if len(sequence_rows(results, scene))]
     if not scenes:
@@ -145,14 +155,14 @@ def _model_notes(data: pd.DataFrame) -> list[str]:
 
 
 def alternatives_table(results: Results, scenes: list[str]) -> Table:
-    """Work and time of variants and backends on the QPs that the method started warm."""
+    """Work and time of variants and backends on the QPs that `keeper` started warm."""
     out: list[dict[str, Any]] = []
     name = keeper(results)
     for scene in scenes:
         rows = sequence_rows(results, scene)
         own = rows[rows["solver"] == name]
         for solver, part in rows.groupby("solver"):
-            counted = is_method(str(solver))
+            counted = is_own(str(solver))
             flops = part["flops"].mean() if counted else np.nan
             median = part["runtime"].median()
             out.append(
@@ -182,8 +192,8 @@ def alternatives_table(results: Results, scenes: list[str]) -> Table:
         title="The same QPs by the variants and by everybody else",
         reading=(
             f"The QPs that {name} started warm, at setting {results.headline}.  Ratios are to "
-            f"{name}: below 1 is cheaper than the paper's criterion.  Operations are counted by "
-            "the paper's method and its variants only; median is the time per QP in µs.  flops per "
+            f"{name}: below 1 is cheaper.  Operations are counted by our method, the paper's and "
+            "its variants only; median is the time per QP in µs.  flops per "
             "µs tells how much of the time is arithmetic and how much the program around it."
         ),
         data=data,
@@ -211,7 +221,7 @@ def _variant_notes(data: pd.DataFrame, name: str) -> list[str]:
             f"{name} does {_span(own['flops per µs'])} operations per µs, far from what a "
             "processor can do: its time here is mostly that of the program around the arithmetic."
         )
-    variants = data[[is_method(other) and other != name for other in data["solver"]]]
+    variants = data[[is_own(other) and other != name for other in data["solver"]]]
     for row in variants.to_dict("records"):
         where = f"On {row['scene']} {row['solver']} needs"
         if row["flops ratio"] < 1 and row["time ratio"] < 1:
@@ -227,48 +237,81 @@ def _variant_notes(data: pd.DataFrame, name: str) -> list[str]:
 
 
 def criterion_answer(results: Results) -> Answer | None:
-    """When the paper would refactorize, how often that was, and what never keeping R costs."""
+    """Whether to keep R, and if so when to give it up, by what the fewest operations were.
+
+    None where nothing was started warm.  Who factorizes at every QP without conjugate gradients is
+    told from who keeps R by the counts, over all scenes.
+    """
     tables = criterion_tables(results)
     if not tables:
         return None
-    model, alternatives = tables[0].data, tables[1].data
+    model, work = tables[0].data, _pooled(tables[1].data)
     limits = model["√(2 C_QR/C_IT)"].dropna()
-    total, made = int(model["warm QPs"].sum()), int(model["factorizations"].sum())
-    iterations = float((model["CG per QP"] * model["warm QPs"]).sum() / total)
-    said, name = [], keeper(results)
-    if len(limits):
-        said.append(
-            f"By the paper's criterion, when a solve takes more than {_span(limits)} conjugate "
-            f"gradient iterations: √(2 C_QR/C_IT), counted on {join(list(model['scene']))}."
-        )
-    often = f"one in {short(total / made)}" if made else "none"
-    said.append(
-        f"Started warm, {name} took {short(iterations)} iterations per QP and factorized "
-        f"{made:,} times in {total:,} QPs, {often}."
+    anew, keepers = (work[work["CG"] == 0], work[work["CG"] > 0])
+    keepers = keepers[keepers.index.isin(DO)]
+    said = []
+    if len(keepers) and len(anew):
+        said.append(_whether(anew.iloc[0], keepers.iloc[0], list(model["scene"])))
+    if len(keepers):
+        said.append(_when(keepers, limits))
+    if len(keepers) and (not len(anew) or anew["flops"].iloc[0] > keepers["flops"].iloc[0]):
+        figure, caption = _span(limits) if len(limits) else "–", "iterations are the printed limit"
+    elif len(anew):
+        figure, caption = "at every QP", f"by {anew.index[0]}, on {join(list(model['scene']))}"
+    else:
+        return None
+    return Answer("When to refactorize?", figure, caption, tuple(said), "criterion")
+
+
+def _pooled(alternatives: pd.DataFrame) -> pd.DataFrame:
+    """flops, CG, factorizations and median time per QP of who counts them, the fewest flops first.
+
+    Means over the scenes on which all of them were run, weighted by QPs.
+    """
+    counted = alternatives[alternatives["flops per QP"].notna()]
+    scenes = counted.groupby("scene")["solver"].nunique()
+    counted = counted[counted["scene"].isin(scenes.index[scenes == counted["solver"].nunique()])]
+    rows = {
+        str(solver): {
+            head: float(np.average(part[column], weights=part["QPs"]))
+            for head, column in {
+                "flops": "flops per QP",
+                "CG": "CG per QP",
+                "factorizations": "factorizations per QP",
+                "median": "median",
+            }.items()
+        }
+        for solver, part in counted.groupby("solver")
+    }
+    return pd.DataFrame.from_dict(rows, orient="index").sort_values("flops", kind="stable")
+
+
+def _whether(anew: pd.Series, keeper: pd.Series, scenes: list[str]) -> str:
+    """Whether R is worth keeping."""
+    ratio, time = anew["flops"] / keeper["flops"], anew["median"] / keeper["median"]
+    compared = (
+        f"{anew.name}, which factorizes at every QP and needs no conjugate gradients, does "
+        f"{short(ratio)} times the operations of {keeper.name}, the cheapest that keeps R, and "
+        f"takes {short(time)} times as long"
     )
-    for variant in sorted({other for other in alternatives["solver"] if other != name}):
-        part = alternatives[alternatives["solver"] == variant]
-        if not is_method(variant) or part["flops ratio"].isna().all():
-            continue
-        said.append(
-            f"{variant} costs {_span(part['flops ratio'])} times the operations and "
-            f"{_span(part['time ratio'])} times the time."
-        )
-    if len(limits):
-        return Answer(
-            "When to refactorize?",
-            _span(limits),
-            "conjugate gradient iterations in one solve",
-            tuple(said),
-            "criterion",
-        )
-    return Answer(
-        "When to refactorize?",
-        f"{made:,} in {total:,}",
-        "warm QPs were factorized anew",
-        tuple(said),
-        "criterion",
+    advice = "Do not keep R" if ratio <= 1 else "Keep R"
+    return f"{advice} on QPs like those of {join(scenes)}: {compared}."
+
+
+def _when(keepers: pd.DataFrame, limits: pd.Series) -> str:
+    """By which rule to give R up, and how the printed one fares."""
+    best = keepers.iloc[0]
+    printed = f" (√(2 C_QR/C_IT) is {_span(limits)} here)" if len(limits) else ""
+    text = f"Where R is kept, factorize {DO[str(best.name)]}{printed}: {best.name} did so " + (
+        f"every {short(1 / best['factorizations'])} QPs"
+        if best["factorizations"] > 0
+        else "only after restarts"
     )
+    others = [
+        f"{name} does {short(row['flops'] / best['flops'])} times its operations"
+        for name, row in keepers.iloc[1:].iterrows()
+    ]
+    return f"{text}{'; ' if others else ''}{join(others)}."
 
 
 def _span(values: pd.Series) -> str:

@@ -2,7 +2,8 @@
 
 Four panels over time: the events of the motion, the number of multipliers, the descent directions
 (§3.2: "at most time points the optimum is found after the computation of one"), and the conjugate
-gradient iterations with the factorizations made and the threshold of the criterion.
+gradient iterations with the factorizations made and the threshold of the criterion.  Where the
+paper's method was not run it is our own, which makes no such iterations where QPs are small.
 """
 
 from __future__ import annotations
@@ -14,18 +15,19 @@ import numpy as np
 import pandas as pd
 
 from reports.parts.style import BLUE, GREEN, INK, PAGE_WIDTH, VERMILLION, drawing, save
-from reports.rows.results import METHOD, Results
+from reports.rows.results import Results
+from reports.sections.thresholds import keeper
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
 def work_rows(results: Results, scene: str) -> pd.DataFrame:
-    """Warm solves of the paper's method on one scene at the study's first setting, by time."""
+    """Warm solves of `keeper` on one scene at the study's first setting, by time."""
     rows = results.rows
     chosen = (
         (rows["scene"] == scene)
-        & (rows["solver"] == METHOD)
+        & (rows["solver"] == keeper(results))
         & (rows["settings"] == results.headline)
         & (rows["arm"] == "warm")
         & ~rows["skipped"]
@@ -37,16 +39,17 @@ def work_rows(results: Results, scene: str) -> pd.DataFrame:
 def plot_work(
     results: Results, scene: str, path: str | Path, *, threshold: float | None = None
 ) -> Path:
-    """Work of the paper's method along a scene: events, k, descent directions, CG iterations.
+    """Work of `keeper` along a scene: events, k, descent directions, CG iterations.
 
     Drawn from its warm solves at the study's first setting; factorizations are ticks under the CG
     iterations, and `threshold` the number of them beyond which the paper refactorizes.
 
-    Raises ValueError where the method was not run warm on this scene.
+    Raises ValueError where it was not run warm on this scene.
     """
     rows = work_rows(results, scene)
+    name = keeper(results)
     if rows.empty:
-        raise ValueError(f"{METHOD} was not run warm on {scene}, so there is no work to draw")
+        raise ValueError(f"{name} was not run warm on {scene}, so there is no work to draw")
     recording = results.recordings.get(scene)
     events = [] if recording is None else list(recording.events)
     kinds = sorted({str(kind) for _, kind, *_ in events})
@@ -65,7 +68,7 @@ def plot_work(
     with drawing() as Figure:
         figure = Figure(figsize=(PAGE_WIDTH, total))
         figure.text(
-            0, 1 - 0.04 / total, f"{scene}: work of {METHOD} along the motion",
+            0, 1 - 0.04 / total, f"{scene}: work of {name} along the motion",
             va="top", weight="bold", size=10,
         )  # fmt: skip
         span = (left / PAGE_WIDTH, (PAGE_WIDTH - left - right) / PAGE_WIDTH)

@@ -1,1 +1,1 @@
-"""The paper's method: algorithm 2 with conjugate gradients on an old factorisation."""
+"""Algorithm 2 of the paper: `lotstedt` as it is printed, `glambda` as we made it."""

@@ -31,7 +31,7 @@ def conjugate_gradients(S, I, mp, f, right, tolerance, limit, preconditioned):
     """Minimise ‖A_F p + b‖ with b in row `right`, until ‖A_Fᵀ(A_F p + b)‖ ≤ tolerance.
 
     p is left in row P, A_F p + b in row REMAINDER.  Returns the iterations made; as a negative
-    number, −1 − iterations, when `limit` of them were not enough.
+    number, −1 − iterations, when the next one would exceed `limit`.
     """
     B0 = N_FLOAT_ROWS
     s, w, p, v = S[REMAINDER], S[Y], S[P], S[V]
@@ -53,7 +53,7 @@ def conjugate_gradients(S, I, mp, f, right, tolerance, limit, preconditioned):
             slope += along * along
         if sqrt(slope) <= tolerance:
             return iterations
-        if iterations >= limit:
+        if iterations + 1 > limit:
             return -1 - iterations
         if preconditioned:
             solve_RT(S, f, V)

@@ -67,5 +67,5 @@ def estimate_flops(f: int) -> int:
 
 @kernel
 def cg_limit(m: int, f: int) -> float:
-    """(2 C_QR/C_IT)^½: a direction that needs more iterations calls for a new factorization."""
+    """(2 C_QR/C_IT)^½: a direction whose iterations exceed it calls for a new factorization."""
     return sqrt(2 * qr_flops(m, f) / cg_iteration_flops(m, f)) if f else 0.0

@@ -1,9 +1,9 @@
 """Algorithm 2 as one compiled loop (Lötstedt 1984, §3.2); see `method` for the numbered steps.
 
 Inner parts are exchangeable.  *Fresh*: A_F of today is factorized with its reflections, whenever F
-changes from the column that changes on; what small QPs use, and impulses.  *Old R*: the R of an
-earlier A_F, updated as columns come and go, preconditions conjugate gradients; what large dense QPs
-use.  A solve that starts on an old R and cannot finish on it ends fresh.
+changes from the column that changes on; what `glambda` uses for small QPs, and both for impulses.
+*Old R*: the R of an earlier A_F, updated as columns come and go, preconditions conjugate gradients.
+A solve that starts on an old R and cannot finish on it ends fresh.
 """
 
 from __future__ import annotations
@@ -101,11 +101,12 @@ ROUNDING = 4 * UNIT_ROUNDOFF
 """Rounding in Δ, in units of ‖ |B||z| + |d| ‖."""
 
 OWN_SET, TODAYS_QR, NO_R, CUSTOM, ONLINE, SETTLED = 2, 4, 8, 16, 32, 64
-SCRATCH, EXTRAPOLATED = 128, 256
+SCRATCH, EXTRAPOLATED, DEFERRED = 128, 256, 1024
 """Bits of `mode` beside `WARM`, there is a previous solution: F is chosen anew; factorize today's
 A_F; conjugate gradients without R; the options in rows REALS and COUNTS replace the paper's;
 factorize by the online rule and not by the paper's; try the previous F by itself first; never
-update a factorization; begin with x extrapolated from two QPs."""
+update a factorization; begin with x extrapolated from two QPs; by the paper's rule the QP is
+finished first, and the next one factorized."""
 ENTERED, BOUNCED, DISMISSED, NOW_IN_F = 1, 2, 4, 8
 """Bits of row MARK: entered F since A x last moved; thrown back since; not worth freeing; in F,
 while step 8 looks for who enters."""
@@ -311,7 +312,7 @@ def factorize(S, I, m, mp, f, first):
 @kernel
 def keep_R(S, I, f):
     """Today's R becomes the preconditioner, of age 0, with its ‖R⁻¹‖."""
-    I[COUNTS, AGE] = 0
+    I[COUNTS, AGE] = I[COUNTS, DUE] = 0
     I[COUNTS, FLOPS] += estimate_flops(f)
     S[REALS, INVERSE_NORM] = inverse_norm_estimate(S, f)
 
@@ -418,22 +419,22 @@ def direction_by_Q(S, mp, f):
 def direction_by_cg(S, I, m, mp, f, tolerance, mode):
     """Step 3 with the old R; returns (order, whether p was found).
 
-    Where conjugate gradients take more iterations than the criterion allows, A_F is factorized at
-    once and they go on with that; where that does not help either, p was not found.
+    Where conjugate gradients would take more iterations than the criterion allows, A_F is
+    factorized at once and they go on with that; where that does not help either, p was not found.
     """
     for _ in range(2):
         plain = (mode & NO_R) != 0
-        limit = cg_limit(m, f)
+        interval, worth = 0, cg_limit(m, f)
         if mode & ONLINE:
-            limit = iterations_worth(S[REALS], qr_flops(m, f), cg_iteration_flops(m, f))
-        interval = 0
+            worth = iterations_worth(S[REALS], qr_flops(m, f), cg_iteration_flops(m, f))
         if mode & CUSTOM:
             interval = I[COUNTS, INTERVAL]
             if S[REALS, CG_LIMIT] >= 0:
-                limit = S[REALS, CG_LIMIT]
+                worth = S[REALS, CG_LIMIT]
+        limit = worth
         if plain:
             limit = 10.0 * f + 100
-        elif I[COUNTS, AGE] == 0 or interval > 0:
+        elif I[COUNTS, AGE] == 0 or interval > 0 or mode & DEFERRED:
             limit = 2.0 * f + 20
         made = conjugate_gradients(S, I, mp, f, RESIDUAL, tolerance, limit, not plain)
         spent = made if made >= 0 else -1 - made
@@ -441,6 +442,8 @@ def direction_by_cg(S, I, m, mp, f, tolerance, mode):
         I[COUNTS, FLOPS] += spent * cg_iteration_flops(m, f, not plain) + product_flops(m, f)
         if I[COUNTS, AGE] == 0:
             S[REALS, YOUNG] = spent
+        if mode & DEFERRED and spent > worth:
+            I[COUNTS, DUE] = 1
         if made >= 0:
             return f, True
         if I[COUNTS, AGE] == 0:
@@ -671,7 +674,6 @@ def remember_R(S, I, m, f, fresh, age, mode):
     if fresh:
         keep_R(S, I, f)
     I[COUNTS, OLD_ORDER] = f
-    I[COUNTS, DUE] = 0
     if mode & ONLINE:
         S[REALS, FACTORIZATION_COST] = qr_flops(m, f)
         cost = cg_iteration_flops(m, f) * I[COUNTS, CG_ITERATIONS]

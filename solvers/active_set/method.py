@@ -1,9 +1,9 @@
-"""The paper's method: an active-set method for min ½‖A x + d‖², lower ≤ x ≤ upper.
+"""Algorithm 2 for min ½‖A x + d‖², lower ≤ x ≤ upper: what `lotstedt` and `glambda` share.
 
-Lötstedt 1984, §3.2, algorithm 2, for bounds on both sides (§4.2) and columns scaled to length 1,
-compiled (see `loop`).  Every variable is in one of three sets: F, free, whose columns A_F are
-independent and have a QR factorization; X, at a bound; P, passive: between its bounds, its column
-dependent on A_F, its x kept as it is.  Contacts that share a load redundantly make P.
+Lötstedt 1984, §3.2, for bounds on both sides (§4.2) and columns scaled to length 1, compiled (see
+`loop`).  Every variable is in one of three sets: F, free, whose columns A_F are independent and
+have a QR factorization; X, at a bound; P, passive: between its bounds, its column dependent on
+A_F, its x kept as it is.  Contacts that share a load redundantly make P.
 
     1.  F, its R and a feasible x from the previous QP, or cold
     2.  r = A x + d
@@ -17,19 +17,11 @@ dependent on A_F, its x kept as it is.  Contacts that share a load redundantly m
 
 Most QPs end after one descent direction, because F of the previous step is right.
 
-In the paper R is the previous step's where there is one, and (3.19) is solved by conjugate
-gradients that it preconditions (`conjugate_gradients`), to ‖v‖ ≤ ε₀/‖R⁻¹‖ (3.20).  When a direction
-is not found in (2 C_QR/C_IT)^½ iterations, rounded up, A_F is factorized anew at once.  Impulses
-work with today's factorization.
+Where R comes from, and when A_F is factorized anew, is what the two differ in (`lotstedt`,
+`glambda`).  Both take today's factorization for impulses.
 
 This differs from the paper:
 
-0. What outlives a QP goes by size (see `CROSSOVER`).  Small QPs keep F and x only, and A_F is
-   factorized anew at every QP, by normal equations while nothing is in the way (`settled`), by QR
-   otherwise.  Large dense ones keep R as the paper has it.  Large sparse ones keep a sparse R by
-   Cholesky, begin with x extrapolated, and F may hold dependent columns, so that there is no P
-   (`sparse_loop`).  R is given up by the online rule (`online_rule`).  The variant "old_r" is the
-   paper's method at every size.
 1. ε₀ is divided by 10 in (3.20) and in ε₁, so that sign errors, the error of p and the estimate of
    ‖R⁻¹‖, which is from below, together stay under ε₀.  Both tolerances are floored at the rounding
    of Δ, 4u‖|A||x| + |d|‖.
@@ -53,26 +45,20 @@ This differs from the paper:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import abc
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
 from problems.qp import ContactQP, Solution, Status, WorkCounts
-from problems.qp_kernel import WARM, CompiledMethod, Room
+from problems.qp_kernel import WARM
 from solvers.active_set.compiled import entry
 from solvers.active_set.loop import (
     CUSTOM,
     EXTRAPOLATED,
-    NO_R,
-    ONLINE,
-    OWN_SET,
-    SCRATCH,
-    SETTLED,
-    TODAYS_QR,
     algorithm_2,
-    solve,
 )
 from solvers.active_set.sparse.loop import TODAYS_A, sparse_algorithm_2
 from solvers.active_set.sparse.pattern import is_narrow, make_pattern
@@ -104,7 +90,7 @@ from solvers.active_set.workspace import (
     X,
     make_workspace,
 )
-from solvers.base import Answer, Form, Solver, Start, usable
+from solvers.base import Answer, Form, Solver, Start
 
 CROSSOVER = 48
 """Columns up to which today's factorization is faster than an old R, dense or sparse.
@@ -113,21 +99,7 @@ Measured, µs per QP, on frictionless towers / walls of this many columns, as k:
 equations, old R dense, old R sparse.  16: 2.7, 3.7, 10 / 2.2, 6.9, 9.3.  32 / 36: 7.8, 7.1, 12 /
 5.7, 23, 12.  48 / 50: 18, 14, 15 / 8.1, 50, 14.  80 / 100: 68, 32, 19 / 32, 20, 24.
 """
-SMALL_CALLS = 96
-"""Columns up to which whole steps and collisions are taken in one call."""
 EXACT_KINDS = ("impulse", "minimum_norm")
-VARIANTS = {
-    "": "the previous working set; today's factorization if small, the online rule if not, "
-    "and where A is large and sparse x is extrapolated",
-    "old_r": "the paper's: the previous R, refactorized by its rule, at every size",
-    "online": "the previous R, refactorized by the online rule, at every size",
-    "extrapolated": "the paper's, begun with x extrapolated from the last two steps",
-    "updated_qr": "the previous working set but not its R: one QR at every QP, then updated",
-    "exact_qr": "the same, but a QR from scratch for every working set",
-    "no_working_set": "the previous x, but F chosen anew at every QP",
-    "plain_cg": "conjugate gradients without R, which only tells ranks and tolerances",
-}
-"""The parts of the paper's idea, one by one."""
 STATUSES = {SOLVED: Status.SOLVED, INACCURATE: Status.INACCURATE}
 
 
@@ -138,11 +110,30 @@ run_dense = entry(
 """`algorithm_2` as a callable that trusts its arguments: `ContactQP` has made sure of them."""
 
 
+class Modes(NamedTuple):
+    """The bits that the kernels are called with, but for `WARM`.
+
+    small : for up to `crossover` columns, and for `EXACT_KINDS` of any size
+    dense, sparse : for the others
+    """
+
+    small: int
+    dense: int
+    sparse: int
+    crossover: int
+
+
 class SparseCall(NamedTuple):
     """The arguments of `sparse_algorithm_2`, and the workspace that they come from."""
 
     arguments: tuple[Any, ...]
     room: SparseWorkspace
+
+
+def check_limit(option: str, value: float | None) -> None:
+    """Raise ValueError where a limit is neither None nor a number ≥ 0."""
+    if value is not None and not value >= 0:
+        raise ValueError(f"{option} = {value!r}; give a number ≥ 0, or None")
 
 
 def remember(room: Workspace | SparseWorkspace, start: Start) -> None:
@@ -188,61 +179,29 @@ def sparse_room(A: sp.csc_array, start: Start | None) -> tuple[SparseWorkspace, 
 
 
 @dataclass(frozen=True)
-class Lotstedt(Solver):
-    """Active set by Lötstedt's algorithm 2, compiled.
+class ActiveSet(Solver):
+    """Algorithm 2, compiled; `modes` tells which of its inner parts are used.
 
-    variant : one of `VARIANTS`
-    interval : factorize anew every so many QPs, instead of by the criterion; 0: by the criterion
-    cg_limit : a direction not found in so many iterations (rounded up) calls for a new
-        factorization; None: the paper's (2 C_QR/C_IT)^½
     iteration_limit : passes of the main loop before giving up; None: 50 + 20 k
 
-    interval and cg_limit are about an old R, so that they imply the variant "old_r".
-
-    Raises ValueError for an unknown variant or a negative option.
+    Raises ValueError for a negative limit.
     """
 
-    variant: str = ""
-    interval: int = 0
-    cg_limit: float | None = None
     iteration_limit: int | None = None
+    _modes: Modes = field(init=False, repr=False, compare=False)
 
-    name: ClassVar[str] = "lotstedt"
     form: ClassVar[Form] = "least_squares"
     warm_start: ClassVar[str] = "working set and factorisation"
     maps_rows: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.variant not in VARIANTS:
-            known = ", ".join(name or '""' for name in VARIANTS)
-            raise ValueError(f"lotstedt has no variant {self.variant!r}; it has: {known}")
-        if self.interval < 0:
-            raise ValueError(f"interval = {self.interval}; give a number of QPs, or 0")
-        for option in ("cg_limit", "iteration_limit"):
-            value = getattr(self, option)
-            if value is not None and not value >= 0:
-                raise ValueError(f"{option} = {value!r}; give a number ≥ 0, or None")
-        mode, crossover = 0, CROSSOVER
-        custom = self.interval > 0 or self.cg_limit is not None
-        if custom or self.variant in ("old_r", "online", "extrapolated", "plain_cg"):
-            crossover = -1
-        if self.variant == "online" or not (self.variant or custom):
-            mode |= ONLINE
-        if custom or self.iteration_limit is not None:
-            mode |= CUSTOM
-        mode |= {
-            "extrapolated": EXTRAPOLATED,
-            "updated_qr": TODAYS_QR,
-            "exact_qr": TODAYS_QR | SCRATCH,
-            "no_working_set": OWN_SET,
-            "plain_cg": NO_R,
-        }.get(self.variant, 0)
-        object.__setattr__(self, "_mode", mode)
-        small = mode | TODAYS_QR
-        object.__setattr__(self, "_sparse", mode if self.variant or custom else mode | EXTRAPOLATED)
-        object.__setattr__(self, "_small", small if self.variant else small | SETTLED)
-        object.__setattr__(self, "_crossover", crossover)
+        check_limit("iteration_limit", self.iteration_limit)
+        object.__setattr__(self, "_modes", self.modes())
+
+    @abc.abstractmethod
+    def modes(self) -> Modes:
+        """The bits for this solver's options, `CUSTOM` among them where it has any."""
 
     def adopt(self, memory: Any, start: Solution) -> Any:
         """The room of the last solve, if that was not sparse, with x and F of `start` and no R."""
@@ -263,9 +222,9 @@ class Lotstedt(Solver):
             sparse = sparse_room(A, start)
             if sparse is not None:
                 return self._setup_sparse(problem, asked, start, *sparse)
-        mode: int = self._mode  # type: ignore[attr-defined]
-        if k <= self._crossover or problem.kind in EXACT_KINDS:  # type: ignore[attr-defined]
-            mode = self._small  # type: ignore[attr-defined]
+        modes = self._modes
+        small = k <= modes.crossover or problem.kind in EXACT_KINDS
+        mode = modes.small if small else modes.dense
         if start is None:
             room = make_workspace(problem.d.size, k)
         else:
@@ -274,7 +233,7 @@ class Lotstedt(Solver):
             if type(room) is not Workspace or room.n < k or room.n < problem.d.size:
                 room = dense_room(problem.d.size, k, start)
         if mode & (CUSTOM | EXTRAPOLATED):
-            self._hand_over_options(room, problem.t)
+            self.hand_over(room, problem.t)
         return (
             problem.dense_A,
             problem.d,
@@ -295,11 +254,11 @@ class Lotstedt(Solver):
         room: SparseWorkspace,
         kept: bool,
     ) -> SparseCall:
-        mode: int = self._sparse  # type: ignore[attr-defined]
+        mode = self._modes.sparse
         if problem.kind == "minimum_norm":
             mode |= TODAYS_A
         if mode & (CUSTOM | EXTRAPOLATED):
-            self._hand_over_options(room, problem.t)
+            self.hand_over(room, problem.t)
         return SparseCall(
             (
                 *(problem.A.data, problem.d, problem.lower, problem.upper, problem.row_id),
@@ -309,49 +268,12 @@ class Lotstedt(Solver):
             room,
         )
 
-    def compiled(self, k: int) -> CompiledMethod | None:
-        """Algorithm 2 for whole steps and collisions in one call, up to `SMALL_CALLS` columns.
-
-        For the method's default alone, with today's factorization also somewhat beyond `CROSSOVER`:
-        what a step costs in Python is more than what a kept R would save.
-        """
-        mode: int = self._small  # type: ignore[attr-defined]
-        if self.variant or mode & CUSTOM or k > SMALL_CALLS:
-            return None
-        return CompiledMethod(solve, mode)
-
-    def room(self, m: int, k: int, eps0: float, start: Solution | None) -> Room:
-        """A workspace for m rows and k columns, with what `start` remembers."""
-        asked = eps0 if self.accuracy is None else self.accuracy
-        eps0 = -1.0 if asked == "default" else float(asked)
-        start = usable(start)
-        if start is None or start.x is None:
-            room = make_workspace(m, k)
-        else:
-            room = start.memory
-            if type(room) is not Workspace or room.n < k or room.n < m:
-                before = Start(start.x, start.working_set, start.row_id, start.memory)
-                room = dense_room(m, k, before)
-        return Room(room.S, room.I, eps0, start is not None)
-
-    def last_answer(self, room: Room) -> Solution:
-        """What was solved last in a room."""
-        S, I = room.S, room.I
-        last = max(int(I[COUNTS, OLD_K]), 0)
-        return Solution(
-            x=S[X, :last].copy(),
-            row_id=I[OLD_ROW, :last].copy(),
-            status=Status.SOLVED,
-            working_set=I[OLD_MEMBER, :last].astype(np.int8),
-            memory=Workspace(S, I, S.shape[1]),
-        )
-
-    def _hand_over_options(self, room: Workspace | SparseWorkspace, t: float) -> None:
-        limit, reals = self.iteration_limit, room.S[REALS]
+    def hand_over(self, room: Workspace | SparseWorkspace, t: float) -> None:
+        """Write the options, and the time t of the QP, to where the kernels look for them."""
+        reals, counts = room.S[REALS], room.I[COUNTS]
         reals[TIME] = t
-        room.I[COUNTS, PASSES] = -1 if limit is None else limit
-        room.I[COUNTS, INTERVAL] = self.interval
-        reals[CG_LIMIT] = -1.0 if self.cg_limit is None else self.cg_limit
+        counts[PASSES] = -1 if self.iteration_limit is None else self.iteration_limit
+        counts[INTERVAL], reals[CG_LIMIT] = 0, -1.0
 
     def run(self, native: Any) -> None:
         """Algorithm 2."""

@@ -1,6 +1,6 @@
 """C_QR and C_IT of one QP, counted in operations: of a factorization of A_F and of an iteration.
 
-The paper's method has two paths, and each counts its own:
+Algorithm 2 has two paths here, and each counts its own:
 
     dense    by the sizes m and f of A_F (`solvers.active_set.flops`)
     sparse   a factorization by what the sparse Cholesky kernel did, which depends on where the
@@ -41,7 +41,7 @@ class UnitCosts(NamedTuple):
 
 
 def goes_sparse(qp: ContactQP) -> bool:
-    """Whether the method takes its sparse path."""
+    """Whether algorithm 2 takes its sparse path."""
     return qp.k > CROSSOVER and not isinstance(qp.A, np.ndarray) and is_narrow(qp.A)
 
 

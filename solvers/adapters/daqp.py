@@ -1,33 +1,34 @@
 """DAQP, a dual active-set method for small dense QPs (Arnström, Bemporad and Axehill 2022).
 
 The problem is posed in normal form, min ½ xᵀP x + qᵀx, lower ≤ x ≤ upper, with the bounds as simple
-bounds, or in any other of `programs`.  DAQP wants a definite P; where it is singular it adds
-proximal iterations of its own, x_{j+1} = argmin of the QP + ½ε‖x − x_j‖², which end at a solution
-of the QP itself.
+bounds, or in any other of `programs`, by one call of `daqp.solve`.  In a sequence the working set
+of the previous solve is handed over.  (A `daqp.Model` that is kept and updated is a tenth faster at
+best, at 100 columns with a singular P, and takes twice as long at 80 with a definite one.)
+
+DAQP wants a definite P; where it is singular it adds proximal iterations of its own,
+x_{j+1} = argmin of the QP + ½ε‖x − x_j‖², which end at a solution of the QP itself.
 
 Accuracy: `primal_tol` and `dual_tol` are the residual that `asked` allows, and the proximal
 iterations end at a step of `eta_prox` / ε, which is a residual of `eta_prox`; none is below
-`last_step`.  So small a last step costs a few per cent more iterations than a loose one, and gives
-four more digits.  Where x is large even that is below the rounding of P x.  DAQP then goes on for
-ever, or takes a step that is rounding alone for a direction without a bottom ("unbounded", which no
-QP here is); so `run` goes on from there with the last step of that x, which as a rule takes one
-iteration.
-
-In a sequence one `daqp.Model` is updated in place and keeps its working set; where rows came or
-went a new one is given the old working set.
+`last_step`.  With DAQP's own `eta_prox` A x is 1e-8 off where P is singular; so small a last step
+costs a few per cent more iterations, and gives four more digits.  Where x is large even that is
+below the rounding of P x.  DAQP then goes on until its limit, or takes a step that is rounding
+alone for a direction without a bottom ("unbounded", which no QP here is); so `run` asks once more
+with the last step of that x, and at last with DAQP's own.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import daqp
 import numpy as np
 
-from problems.qp import AT_LOWER, AT_UPPER, ContactQP, Status
+from problems.qp import AT_LOWER, AT_UPPER, Status
 from solvers.adapters.inner_options import last_step
 from solvers.adapters.package import Built, Native, Outcome
+from solvers.adapters.posed import Posed
 from solvers.adapters.programs import Program, ProgramSolver
 from solvers.base import Start
 
@@ -35,20 +36,9 @@ _ACTIVE, _LOWER, _EQUATION = 1, 2, 5  # bits of DAQP's `sense`
 _STALLED = (-3, -4)  # unbounded, out of iterations
 
 
-class _Held(NamedTuple):
-    """What a model was set up with.
-
-    kind : the shape of its rows and which bounds are finite; of another kind it is made anew
-    flag : DAQP's, negative where it refused
-    """
-
-    kind: tuple[tuple[int, ...], bytes, bytes]
-    flag: int
-
-
 @dataclass(frozen=True)
 class DAQP(ProgramSolver):
-    """DAQP: dual active-set method, one `daqp.Model` updated along the sequence."""
+    """DAQP: dual active-set method, one call from the last working set."""
 
     max_iterations: int = 10_000
 
@@ -67,58 +57,68 @@ class DAQP(ProgramSolver):
 
     def pack(self, program: Program) -> Any:
         """P, q, the rows after the simple bounds, and `sense`, which marks the active ones."""
-        members = program.members()
-        sense = np.zeros(members.size, dtype=np.int32)
-        sense[members == AT_UPPER] = _ACTIVE
-        sense[members == AT_LOWER] = _ACTIVE | _LOWER
-        sense[program.equations] = _EQUATION
+        posed = program.posed
+        if posed.before is not None and posed.before.posed.form == posed.form:
+            sense = posed.before.arrays[-1]
+        else:
+            sense = np.zeros(program.lower.size, np.int32)
+        if program.equal or posed.working_set is not None:
+            members = program.members()
+            sense[members == AT_UPPER] = _ACTIVE
+            sense[members == AT_LOWER] = _ACTIVE | _LOWER
+            sense[program.equations] = _EQUATION
         rows = program.rows(slice(program.simple, None), sparse=False)
-        return program.P(sparse=False), program.q, rows, program.upper, program.lower, sense
+        lower, upper = program.lower.copy(), program.upper.copy()  # it wants to be able to write
+        return program.P(sparse=False), program.q, rows, upper, lower, sense
 
-    def build(self, qp: ContactQP, start: Start | None) -> Built:
-        """As every package's, and DAQP's settings: those are ours to find, not the package's."""
-        built, asked = super().build(qp, start), self.asked(qp)
-        settings: dict[str, float] = {"iter_limit": self.max_iterations}
-        if asked is not None:
-            n, step = built.posed.n, last_step(built.posed.n)
-            tolerance = built.posed.residual_tolerance(asked, step)
-            settings |= {"primal_tol": tolerance, "dual_tol": tolerance, "eta_prox": step}
-            settings["iter_limit"] = min(self.max_iterations, 100 + 10 * n)
-        return built._replace(arrays=(settings, built.arrays))
+    def options(self, posed: Posed, asked: float | None) -> dict[str, float]:
+        """Tolerances, and a limit within which it has done or stalled."""
+        if asked is None:
+            return {"iter_limit": self.max_iterations}
+        step = last_step(posed.n)
+        tolerance = posed.residual_tolerance(asked, step)
+        return {
+            "primal_tol": tolerance,
+            "dual_tol": tolerance,
+            "eta_prox": step * posed.force,
+            "iter_limit": min(self.max_iterations, 100 + 10 * posed.n),
+        }
 
     def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
-        """Update the model of the previous solve, or make one that knows its working set."""
-        posed, (settings, arrays), carried, _, _ = problem
-        P, q, rows, upper, lower, sense = arrays
-        kind = rows.shape, np.isfinite(posed.lower).tobytes(), np.isfinite(posed.upper).tobytes()
-        if carried is None or carried.native.arrays.kind != kind:
-            model = daqp.Model()
-            model.settings = settings
-            flag, _ = model.setup(*arrays)
-            return Native(posed, model, _Held(kind, flag))
-        model = carried.native.object
-        model.settings = settings
-        more = {"A": rows} if rows.size else {}
-        if carried.duals is None:  # the model's working set is another than the start's
-            more["sense"] = sense
-        flag = model.update(H=P, f=q, bupper=upper, blower=lower, **more)
-        return Native(posed, model, _Held(kind, flag))
+        """Nothing: all of it is one call."""
+        return Native(problem.posed, problem.options, problem.arrays)
 
     def run(self, native: Native) -> Any:
-        """`daqp.Model.solve`, and on from where its steps are rounding."""
-        model = native.object
-        if native.arrays.flag < 0:
-            return None, np.nan, native.arrays.flag, {"iterations": 0, "lam": None}
+        """`daqp.solve`, and once more where its steps are rounding."""
+        result = daqp.solve(*native.arrays, **native.object)
+        if result[2] in _STALLED and "eta_prox" in native.object:
+            result = self._again(native)
+        return result
+
+    def _again(self, native: Native) -> Any:
+        """By a model that goes on from where it stalled, with a last step that rounding allows."""
+        posed, settings, arrays = native
+        model = daqp.Model()
+        model.settings = settings
+        model.setup(*arrays)
         x, value, flag, info = model.solve()
-        left = self.max_iterations - info["iterations"]
-        if flag in _STALLED and left > 0 and model.settings["eta_prox"] > 0:
-            step = last_step(native.posed.n, float(np.abs(x).max()))
-            model.settings = {"iter_limit": left, "eta_prox": step}
-            x, value, flag, more = model.solve()
-            info = {**more, "iterations": info["iterations"] + more["iterations"]}
-        return x, value, flag, info
+        iterations = info["iterations"]
+        size = float(np.abs(x).max()) / posed.force
+        for step in ({"eta_prox": last_step(posed.n, size) * posed.force}, {}):
+            model.settings = {"iter_limit": max(self.max_iterations - iterations, 1), **step}
+            x, value, flag, info = model.solve()
+            iterations += info["iterations"]
+            if flag not in _STALLED:
+                break
+        return x, value, flag, {**info, "iterations": iterations}
 
     def outcome(self, native: Native, result: Any) -> Outcome:
-        """DAQP's exit flag and iterations."""
+        """DAQP's exit flag, iterations and times."""
         x, _, flag, info = result
-        return Outcome(x if flag > 0 else None, flag, info["iterations"], info["lam"])
+        lam = np.asarray(info["lam"])
+        if flag > 0:  # the next solve begins with what is active now
+            sense = native.arrays[-1]
+            sense &= _EQUATION & ~_ACTIVE
+            sense |= _ACTIVE * (lam > 0) + (_ACTIVE | _LOWER) * (lam < 0)
+        inside = info["setup_time"] + info["solve_time"]
+        return Outcome(x if flag > 0 else None, flag, info["iterations"], lam, inside)

@@ -26,17 +26,20 @@ def last_step(n: int, size: float = 0.0) -> float:
     return min(1e-15 * n * max(100.0, size), 1e-6)
 
 
-OPTIONS: dict[str, Callable[[Posed, float, float], dict[str, Any]]] = {
+Gap = Callable[[float], float]
+"""The duality gap that is allowed, not below a floor."""
+
+OPTIONS: dict[str, Callable[[Posed, float, Gap], dict[str, Any]]] = {
     "proxqp": lambda posed, residual, gap: {
         "eps_abs": residual,
         "eps_rel": 0.0,
         "check_duality_gap": True,
-        "eps_duality_gap_abs": max(gap, 1e-13),
+        "eps_duality_gap_abs": gap(1e-13),
         "eps_duality_gap_rel": posed.gap_share,
     },
     "clarabel": lambda posed, residual, gap: {
         "tol_feas": residual,
-        "tol_gap_abs": max(gap, 1e-13),
+        "tol_gap_abs": gap(1e-13),
         "tol_gap_rel": posed.gap_share,
     },
     "osqp": lambda posed, residual, gap: {
@@ -50,13 +53,13 @@ OPTIONS: dict[str, Callable[[Posed, float, float], dict[str, Any]]] = {
     "piqp": lambda posed, residual, gap: {
         "eps_abs": residual,
         "eps_rel": 0.0,
-        "eps_duality_gap_abs": max(gap, 1e-14),
+        "eps_duality_gap_abs": gap(1e-14),
         "eps_duality_gap_rel": posed.gap_share,
     },
     "daqp": lambda posed, residual, gap: {
         "primal_tol": residual,
         "dual_tol": residual,
-        "eta_prox": last_step(posed.n),
+        "eta_prox": last_step(posed.n) * posed.force,
     },
     "highs": lambda posed, residual, gap: {},
     "quadprog": lambda posed, residual, gap: {},
@@ -65,8 +68,8 @@ OPTIONS: dict[str, Callable[[Posed, float, float], dict[str, Any]]] = {
 
 def inner_options(variant: str, posed: Posed, asked: float) -> dict[str, Any]:
     """Options of the package `variant` for an error of `asked` in ‖A δx‖."""
-    residual, gap = posed.residual_tolerance(asked, 1e-12), posed.gap_tolerance(asked, 0.0)
-    return OPTIONS[variant](posed, residual, gap)
+    residual = posed.residual_tolerance(asked, 1e-12)
+    return OPTIONS[variant](posed, residual, lambda floor: posed.gap_tolerance(asked, floor))
 
 
 def check_variant(outer: str, variant: str, known: tuple[str, ...]) -> None:

@@ -22,8 +22,11 @@ import osqp
 from problems.qp import Status
 from solvers.adapters.inner_options import NEVER
 from solvers.adapters.package import Built, Native, Outcome, same_pattern
+from solvers.adapters.posed import Posed
 from solvers.adapters.programs import Program, ProgramSolver
 from solvers.base import Start
+
+_SETTINGS = {"eps_rel": 0.0, "check_dualgap": False, "eps_prim_inf": NEVER, "eps_dual_inf": NEVER}
 
 
 @dataclass(frozen=True)
@@ -50,28 +53,25 @@ class OSQP(ProgramSolver):
         """P (upper triangle), q, R and the bounds of its rows."""
         return program.P_upper, program.q, program.R, program.lower, program.upper
 
-    def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
-        """Update the data in place where their pattern is the same; else set up afresh."""
-        posed, arrays, carried, _, guess = problem
+    def options(self, posed: Posed, asked: float | None) -> dict[str, float]:
+        """Tolerances, and certificates that are never met."""
         settings: dict[str, float] = {"max_iter": self.max_iterations}
         if asked is not None:
-            settings |= {
-                "eps_abs": posed.residual_tolerance(asked, 1e-12),
-                "eps_rel": 0.0,
-                "check_dualgap": False,
-                "eps_prim_inf": NEVER,
-                "eps_dual_inf": NEVER,
-            }
+            settings["eps_abs"] = posed.residual_tolerance(asked, 1e-12)
+            settings |= _SETTINGS
+        return settings
+
+    def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
+        """Update the data in place where their pattern is the same; else set up afresh."""
+        posed, arrays, settings, carried, _, guess = problem
         P, q, R, lower, upper = arrays
-        matters = (0,) if self.posed_form == "normal" else (0, 2)
-        if carried is not None and all(
-            same_pattern(carried.native.arrays[i], arrays[i]) for i in matters
-        ):
-            model = carried.native.object
+        old = None if carried is None else carried.native.arrays
+        if old is not None and same_pattern(old[0], P) and same_pattern(old[2], R):
+            model = carried.native.object  # type: ignore[union-attr]
             model.update_settings(**settings)
             # P itself is not handed over again: that would factorize it again
-            matrices = {} if P is carried.native.arrays[0] else {"Px": P.data}
-            if 2 in matters:
+            matrices = {} if P is old[0] else {"Px": P.data}
+            if R is not old[2]:
                 matrices["Ax"] = R.data
             model.update(**matrices, q=q, l=lower, u=upper)
         else:
@@ -86,5 +86,6 @@ class OSQP(ProgramSolver):
         return native.object.solve(raise_error=False)
 
     def outcome(self, native: Native, result: Any) -> Outcome:
-        """OSQP's status and iterations."""
-        return Outcome(result.x, result.info.status, result.info.iter, result.y)
+        """OSQP's status, iterations and time."""
+        info = result.info
+        return Outcome(result.x, info.status, info.iter, result.y, info.run_time)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import abc
 from dataclasses import dataclass
+from math import isfinite, nan
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
 from problems.qp import (
     AT_LOWER,
@@ -19,8 +21,8 @@ from problems.qp import (
     positions_of,
     working_set_of,
 )
-from solvers.adapters.posed import Posed, pose
-from solvers.base import Answer, Solver, Start
+from solvers.adapters.posed import FORCES, Posed, pose
+from solvers.base import Answer, Solver, Start, carry_over
 
 
 class Native(NamedTuple):
@@ -44,71 +46,110 @@ class Carried(NamedTuple):
 class Built(NamedTuple):
     """What `build` hands to `setup`: nothing is left to do there but to call the package.
 
-    posed : the scaled problem
+    posed : the problem
     arrays : the package's form of it, see `PackageSolver.arrays`
+    options : the package's settings for it, see `PackageSolver.options`
     carried : what the previous solve left, if it had the same unknowns in the same order
+    duals : (n,) its multipliers of the bounds in today's units, 0 for new rows, or those that
+        belong to a start that comes without memory; None when cold, or where the object has them
     guess : z and y that belong to the start in the form of a `programs.ProgramSolver`
-    duals : (n,) its multipliers of the bounds in today's scale, 0 for new rows, or those that
-        belong to a start that comes without memory; None when cold
     """
 
     posed: Posed
     arrays: Any
-    carried: Carried | None
-    duals: Vector | None
+    options: Any = None
+    carried: Carried | None = None
+    duals: Vector | None = None
     guess: tuple[Vector, Vector] | None = None
 
 
 class Outcome(NamedTuple):
     """What a package says.
 
-    x : scaled unknowns, at least n of them, or None;  status : the package's own
-    duals : (n,) multipliers of the bounds, scaled, in the package's sign
+    x : unknowns as they were posed, at least n of them, or None;  status : the package's own
+    duals : (n,) multipliers of the bounds of them, in the package's sign
+    inside : [s] what its own clock says of setup and solve, NaN where it has none
     """
 
     x: Vector | None
     status: Any
     iterations: int = 0
     duals: Vector | None = None
+    inside: float = nan
 
 
 @dataclass(frozen=True)
 class PackageSolver(Solver, abc.ABC):
-    """A solver that is posed scaled problems without fixed rows, see `Posed`.
+    """A solver that is posed problems without fixed rows, see `Posed`.
 
     Derived classes write `arrays`, `setup`, `run` and `outcome`, and the table `statuses`.
     """
 
+    maps_rows: ClassVar[bool] = True
     dense: ClassVar[bool] = False
     """Whether the package takes dense matrices only."""
+    forces: ClassVar[tuple[float, float]] = FORCES
+    """Sizes of what acts that it is posed as they are (`posed.pose`)."""
     statuses: ClassVar[dict[Any, Status]] = {}
     """The package's statuses; one that is not here is FAILED, with its text kept."""
 
     @abc.abstractmethod
     def arrays(self, posed: Posed) -> Any:
-        """The scaled problem in the package's own form."""
+        """The problem in the package's own form."""
+
+    def options(self, posed: Posed, asked: float | None) -> Any:
+        """The package's settings for an error of `asked` in ‖A δx‖; None: its defaults."""
 
     @abc.abstractmethod
     def outcome(self, native: Native, result: Any) -> Outcome:
         """What the package says."""
 
     def in_x(self, native: Native, says: Outcome) -> Outcome:
-        """What the package says, of the scaled unknowns of `Posed`, where it was posed others."""
+        """What the package says, of the unknowns of `Posed`, where it was posed others."""
         return says
 
     def build(self, qp: ContactQP, start: Start | None) -> Built:
-        """Scale the QP, leave the fixed rows out and bring it into the package's form."""
-        posed = pose(qp, start, dense=self.dense)
-        carried = duals = None
-        if start is not None and isinstance(start.memory, Carried):
-            old = start.memory.native.posed
-            if old.m == posed.m and np.array_equal(old.rows, posed.rows):
-                carried = start.memory
-            if start.memory.duals is not None:
-                duals = _carried_duals(start.memory, posed)
-        if start is not None and duals is None and (start.previous >= 0).any():
+        """Pose the QP and bring it into the package's form."""
+        posed = pose(qp, dense=self.dense, forces=self.forces)
+        options = self.options(posed, self.asked(qp))
+        if start is None:
+            return Built(posed, self.arrays(posed), options)
+        carried, duals = self._carried(qp, posed, start)
+        arrays = self.arrays(posed)
+        if carried is not None and carried.native.posed.form != posed.form:
+            carried = None
+        guess = None if duals is None else self.guess(posed, duals)
+        return Built(posed, arrays, options, carried, duals, guess)
+
+    def guess(self, posed: Posed, duals: Vector) -> Any:
+        """What a package starts from, where that is more than x and multipliers of its bounds."""
+
+    def _carried(
+        self, qp: ContactQP, posed: Posed, start: Start
+    ) -> tuple[Carried | None, Vector | None]:
+        """What of a start can be gone on from; its x is put into `posed` where it is wanted."""
+        memory = start.memory if isinstance(start.memory, Carried) else None
+        carried = None
+        if memory is not None and memory.native.posed.is_like(posed):
+            carried = memory
+        if self.warm_start in ("none", "workspace"):
+            return carried, None
+        if carried is not None and carried.duals is not None and self.goes_on(carried, posed):
+            posed.before = carried.native
+            return carried, None
+        started = carry_over(start, qp)
+        posed.to_posed(started.x, started.working_set)
+        duals = None
+        if memory is not None and memory.duals is not None:
+            duals = _carried_duals(memory, posed)
+        elif (started.previous >= 0).any():
             duals = _bound_multipliers(posed)
-        return Built(posed, self.arrays(posed), carried, duals)
+        return carried, duals
+
+    def goes_on(self, carried: Carried, posed: Posed) -> bool:
+        """Whether the object of the previous solve itself holds what it ended with, in units that
+        are today's."""
+        return carried.native.posed.units is None and posed.units is None
 
     def adopt(self, memory: Any, start: Solution) -> Any:
         """The package's object; the multipliers will be those of `start`."""
@@ -119,31 +160,38 @@ class PackageSolver(Solver, abc.ABC):
         says = self.in_x(native, self.outcome(native, result))
         status = self.statuses.get(says.status, Status.FAILED)
         x = None if says.x is None else native.posed.restore(np.asarray(says.x, float))
-        if x is not None and not np.isfinite(x).all():
+        if x is not None and not isfinite(x.sum()):
             x = None
         if x is None and status is Status.SOLVED:
             status = Status.FAILED
         text = str(getattr(says.status, "name", says.status))
-        return Answer(x, status, says.iterations, text, memory=Carried(native, says.duals))
+        memory = Carried(native, says.duals)
+        return Answer(x, status, says.iterations, text, memory=memory, inside=says.inside)
 
     def solve(self, qp: ContactQP, start: Solution | None = None) -> Solution:
         """Solve `qp`; where every row is fixed (or k = 0) there is nothing to hand to a package."""
-        if (qp.lower == qp.upper).all():
+        if qp.k == 0 or (qp.lower[0] == qp.upper[0] and (qp.lower == qp.upper).all()):
             x = qp.lower.copy()
             return Solution(x, qp.row_id, Status.SOLVED, working_set_of(qp, x), 0, "all rows fixed")
         return super().solve(qp, start)
 
 
 def _carried_duals(carried: Carried, posed: Posed) -> Vector:
-    """Δ of the previous solve in today's scale, Δ = force²/unit · Δ̂.  (n,)"""
+    """Δ of the previous solve in today's units, Δ = force²/unit · Δ̂.  (n,)"""
     assert carried.duals is not None
     duals, old = np.zeros(posed.n), carried.native.posed
     place = positions_of(posed.rows, old.rows)
     known = place >= 0
     was = place[known]
-    rescale = (old.force / posed.force) ** 2 * (posed.unit[known] / old.unit[was])
-    duals[known] = carried.duals[was] * rescale
+    duals[known] = carried.duals[was] * dual_units(old)[was] / dual_units(posed)[known]
     return duals
+
+
+def dual_units(posed: Posed) -> Vector:
+    """Δ of the QP over that of the posed problem.  (n,)"""
+    if posed.units is None:
+        return np.ones(posed.n)
+    return posed.units.force**2 / posed.units.unit
 
 
 def _bound_multipliers(posed: Posed) -> Vector:
@@ -157,11 +205,24 @@ def _bound_multipliers(posed: Posed) -> Vector:
 
 def same_pattern(one: Any, other: Any) -> bool:
     """Whether two matrices are stored alike: both dense, or both CSC with the same pattern."""
-    if one.shape != other.shape or sp.issparse(one) != sp.issparse(other):
+    if one is other:
+        return True
+    if type(one) is not type(other) or one.shape != other.shape:
         return False
     if not sp.issparse(one):
         return True
-    return np.array_equal(one.indptr, other.indptr) and np.array_equal(one.indices, other.indices)
+    return _same(one.indptr, other.indptr) and _same(one.indices, other.indices)
+
+
+def _same(one: NDArray[Any], other: NDArray[Any]) -> bool:
+    return one is other or np.array_equal(one, other)
+
+
+def same_kind(one: Any, other: Any) -> bool:
+    """Whether two arguments of a package are both left out, or stored alike."""
+    if one is None or other is None:
+        return one is other
+    return same_pattern(one, other)
 
 
 def same_matrix(one: sp.csc_matrix, other: sp.csc_matrix) -> bool:

@@ -24,18 +24,17 @@ from __future__ import annotations
 
 import abc
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from problems.qp import AT_LOWER, AT_UPPER, FREE, ContactQP, Vector
+from problems.qp import AT_LOWER, AT_UPPER, FREE, Vector
 from solvers.adapters.inner_options import check_variant
-from solvers.adapters.package import Built, Native, Outcome, PackageSolver
+from solvers.adapters.package import Native, Outcome, PackageSolver
 from solvers.adapters.posed import Posed
-from solvers.base import Start
 
 Members = NDArray[np.int8]
 
@@ -81,7 +80,6 @@ def one_sided(posed: Posed) -> OneSided:
     )
 
 
-@dataclass(frozen=True, eq=False)
 class Program(abc.ABC):
     """One form of a posed QP: N unknowns z, M rows.
 
@@ -89,13 +87,19 @@ class Program(abc.ABC):
     simple : leading rows that are rows of I;  equal : rows after them that are equations
     """
 
-    posed: Posed
     q: Vector
-    R: sp.csc_matrix
     lower: Vector
     upper: Vector
     simple: int
     equal: int
+
+    def __init__(self, posed: Posed) -> None:
+        self.posed = posed
+
+    @property
+    @abc.abstractmethod
+    def R(self) -> sp.csc_matrix:
+        """All rows."""
 
     @property
     def equations(self) -> slice:
@@ -121,6 +125,11 @@ class Program(abc.ABC):
         place = np.arange(zeros, size)
         pointers = np.concatenate([np.zeros(zeros, np.int64), np.arange(self.posed.m + 1)])
         return sp.csc_matrix((np.ones(self.posed.m), place, pointers), shape=(size, size))
+
+    @property
+    def P_lower(self) -> sp.csc_matrix:
+        """Lower triangle of P, the same diagonal.  (N, N) CSC"""
+        return self.P_upper
 
     def P(self, *, sparse: bool) -> Any:
         """P, dense or CSC.  (N, N)"""
@@ -152,14 +161,38 @@ class Program(abc.ABC):
 
 
 class Normal(Program):
-    """P = AᵀA."""
+    """z = x, P = AᵀA: the bounds are all there is."""
+
+    equal = 0
+
+    def __init__(self, posed: Posed) -> None:
+        self.posed, self.q, self.simple = posed, posed.q, posed.n
+        self.lower, self.upper = posed.lower, posed.upper
+
+    @property
+    def R(self) -> sp.csc_matrix:
+        return identity(self.simple)
+
+    @property
+    def box(self) -> tuple[Vector, Vector]:
+        return self.lower, self.upper
 
     @property
     def P_upper(self) -> sp.csc_matrix:
         return self.posed.P_upper
 
+    @property
+    def P_lower(self) -> sp.csc_matrix:
+        return self.posed.P_lower
+
     def P(self, *, sparse: bool) -> Any:
         return self.posed.P_sparse if sparse else self.posed.P
+
+    def rows(self, chosen: Any, *, sparse: bool) -> Any:
+        """Rows of I; none after the bounds."""
+        if type(chosen) is slice and chosen.start == self.simple:
+            return _NO_ROWS[sparse](self.simple)
+        return super().rows(chosen, sparse=sparse)
 
     def guess(self, duals: Vector) -> tuple[Vector, Vector]:
         assert self.posed.start is not None
@@ -170,7 +203,28 @@ class Normal(Program):
 
 
 class Residual(Program):
-    """y = A x as rows."""
+    """z = (x, y), y = A x as rows."""
+
+    def __init__(self, posed: Posed) -> None:
+        super().__init__(posed)
+        none = np.zeros(posed.m)
+        self.q = np.concatenate([posed.q, none])
+        self.lower, self.upper = (
+            np.concatenate([bound, none]) for bound in (posed.lower, posed.upper)
+        )
+        self.simple, self.equal = posed.n, posed.m
+
+    @cached_property
+    def R(self) -> sp.csc_matrix:
+        bounds, minus = identity(self.simple), -identity(self.equal)
+        return sp.csc_matrix(sp.block_array([[bounds, None], [self.posed.sparse, minus]]))
+
+    def rows(self, chosen: Any, *, sparse: bool) -> Any:
+        if not sparse:
+            return super().rows(chosen, sparse=sparse)
+        if type(chosen) is slice:
+            return sp.hstack([self.posed.sparse, -identity(self.equal)], format="csc")
+        return _bound_rows(self.simple, self.equal)
 
     def guess(self, duals: Vector) -> tuple[Vector, Vector]:
         x = self.posed.start
@@ -182,11 +236,33 @@ class Residual(Program):
         return np.concatenate([self.posed.members, np.full(self.equal, AT_LOWER, np.int8)])
 
 
-@dataclass(frozen=True, eq=False)
 class Velocity(Program):
-    """(3.4); its unknowns are s and r."""
+    """(3.4); z = (s, r)."""
 
-    own: OneSided
+    def __init__(self, posed: Posed) -> None:
+        super().__init__(posed)
+        own = self.own = one_sided(posed)
+        n, t = posed.n, own.two.size
+        c = posed.visible_d
+        if own.base.any():
+            c = c + posed.A @ own.base
+        self.q = np.concatenate([own.width, -c]) if t else -c
+        self.lower, self.upper = np.zeros(t + n), np.full(t + n, np.inf)
+        self.upper[t : t + own.equations] = 0.0
+        self.simple, self.equal = t, own.equations
+
+    @cached_property
+    def R(self) -> sp.csc_matrix:
+        own, n, t = self.own, self.posed.n, self.simple
+        B = self.posed.sparse
+        if (own.sign != 1.0).any():
+            B = scaled(B, own.sign, axis=1)
+        if own.equations:
+            B = B[:, own.order]
+        if not t:
+            return sp.csc_matrix(B.T)
+        S = sp.csc_matrix((np.ones(t), (own.two, np.arange(t))), shape=(n, t))
+        return sp.csc_matrix(sp.block_array([[identity(t), None], [S, B.T]]))
 
     def guess(self, duals: Vector) -> tuple[Vector, Vector]:
         posed, own = self.posed, self.own
@@ -220,70 +296,92 @@ def scaled(matrix: sp.csc_matrix, by: Vector, axis: int) -> sp.csc_matrix:
     return sp.csc_matrix((made.data * by[place], made.indices, made.indptr), shape=made.shape)
 
 
-def normal(posed: Posed) -> Program:
-    """z = x."""
-    identity = sp.csc_matrix(sp.identity(posed.n))
-    return Normal(posed, posed.q, identity, posed.lower, posed.upper, posed.n, 0)
+@lru_cache(64)
+def _no_rows(size: int) -> Vector:
+    return np.zeros((0, size))
 
 
-def residual(posed: Posed) -> Program:
-    """z = (x, y)."""
-    n, m, none = posed.n, posed.m, np.zeros(posed.m)
-    R = sp.csc_matrix(sp.block_array([[sp.identity(n), None], [posed.sparse, -sp.identity(m)]]))
-    lower, upper = (np.concatenate([bound, none]) for bound in (posed.lower, posed.upper))
-    return Residual(posed, np.concatenate([posed.q, none]), R, lower, upper, n, m)
+@lru_cache(64)
+def _no_sparse_rows(size: int) -> sp.csc_matrix:
+    return sp.csc_matrix((0, size))
 
 
-def velocity(posed: Posed) -> Program:
-    """z = (s, r)."""
-    own = one_sided(posed)
-    n, t = posed.n, own.two.size
-    B = scaled(posed.sparse, own.sign, axis=1)[:, own.order]
-    S = sp.csc_matrix((np.ones(t), (own.two, np.arange(t))), shape=(n, t))
-    R = sp.csc_matrix(sp.block_array([[sp.identity(t), None], [S, B.T]]))
-    c = posed.visible_d + posed.A @ own.base
-    upper = np.full(t + n, np.inf)
-    upper[t : t + own.equations] = 0.0
-    q = np.concatenate([own.width, -c])
-    return Velocity(posed, q, R, np.zeros(t + n), upper, t, own.equations, own)
+_NO_ROWS = (_no_rows, _no_sparse_rows)
 
 
-PROGRAMS = {"normal": normal, "residual": residual, "velocity": velocity}
+@lru_cache(64)
+def _bound_rows(n: int, m: int) -> sp.csc_matrix:
+    """(I, 0).  (n, n + m) CSC"""
+    return sp.csc_matrix(sp.identity(n + m, format="csr")[:n])
+
+
+@lru_cache(64)
+def identity(size: int) -> sp.csc_matrix:
+    """I.  (size, size) CSC"""
+    return sp.csc_matrix(sp.identity(size))
+
+
+PROGRAMS: dict[str, type[Program]] = {
+    "normal": Normal,
+    "residual": Residual,
+    "velocity": Velocity,
+}
 
 
 class Cones(NamedTuple):
     """The rows as G z + s = h with s = 0 in the first `equal` rows and s ≥ 0 in the others.
 
-    pick : G = pick · R, so that y of R is pickᵀ times the multipliers of G
+    row, sign : G = sign · R[row], so that y of R gathers sign times the multipliers of G
     """
 
     G: sp.csc_matrix
     h: Vector
     equal: int
-    pick: sp.csc_matrix
+    row: NDArray[np.int64]
+    sign: Vector
+
+    def gathered(self, multipliers: Vector, rows: int) -> Vector:
+        """y of R from the multipliers of G.  (rows,)"""
+        return np.bincount(self.row, self.sign * multipliers, rows).astype(float)
 
 
 def cones(program: Program) -> Cones:
     """R z = 0, then −R z ≤ −lower, then R z ≤ upper, where they are finite."""
-    equal = program.lower == program.upper
-    same = np.flatnonzero(equal)
-    below = np.flatnonzero((program.lower > -np.inf) & ~equal)
-    above = np.flatnonzero((program.upper < np.inf) & ~equal)
-    column = np.concatenate([same, below, above])
-    value = np.ones(column.size)
-    value[same.size : same.size + below.size] = -1.0
-    shape = (column.size, program.lower.size)
-    pick = sp.csc_matrix((value, (np.arange(column.size), column)), shape=shape)
-    G = scaled(program.R[column], value, axis=0)
-    h = np.concatenate([program.lower[same], -program.lower[below], program.upper[above]])
-    return Cones(G, h, same.size, pick)
+    lower, upper = program.lower, program.upper
+    if program.equal:
+        equal = lower == upper
+        same = np.flatnonzero(equal)
+        below = np.flatnonzero((lower > -np.inf) & ~equal)
+        above = np.flatnonzero((upper < np.inf) & ~equal)
+    else:
+        same = np.zeros(0, np.int64)
+        below, above = np.flatnonzero(lower > -np.inf), np.flatnonzero(upper < np.inf)
+    row = np.concatenate([same, below, above])
+    sign = np.ones(row.size)
+    sign[same.size : same.size + below.size] = -1.0
+    h = np.concatenate([lower[same], -lower[below], upper[above]])
+    if isinstance(program, Normal):
+        G = _signed_rows(row.tobytes(), sign.tobytes(), program.simple)
+    elif row.size == below.size == lower.size:
+        G = -program.R
+    else:
+        G = scaled(program.R[row], sign, axis=0)
+    return Cones(G, h, same.size, row, sign)
+
+
+@lru_cache(64)
+def _signed_rows(row: bytes, sign: bytes, size: int) -> sp.csc_matrix:
+    """Rows of ±I."""
+    column, value = np.frombuffer(row, np.int64), np.frombuffer(sign)
+    shape = (column.size, size)
+    return sp.csc_matrix((value, (np.arange(column.size), column)), shape=shape)
 
 
 @dataclass(frozen=True)
 class ProgramSolver(PackageSolver):
     """A package that takes any quadratic program, so each of the three forms.
 
-    variant : the form that it is posed, one of `PROGRAMS`; "" is the adapter's choice, `form`
+    variant : the form that it is posed, one of `PROGRAMS`; "" is what `best_form` says
 
     Derived classes write `pack` instead of `arrays`.  The z and y that a solve starts from are
     `Built.guess`; `outcome` gives z and y, which are turned into x here.
@@ -298,16 +396,17 @@ class ProgramSolver(PackageSolver):
         if self.variant:
             check_variant(self.name, self.variant, self.forms)
 
-    @property
-    def posed_form(self) -> str:
-        """The form that the package is posed."""
-        return self.variant or self.form
+    def best_form(self, posed: Posed) -> str:
+        """The form in which the package is fastest, measured on towers of 7, 40, 150 and 700 boxes
+        and walls of 11, 30 and 150 bricks; `glambda replay --solvers forms` shows it."""
+        return self.form
 
     def program(self, posed: Posed) -> Program:
         """The QP in the solver's form; made once."""
-        made = posed.programs.get(self.posed_form)
-        if made is None:
-            made = posed.programs[self.posed_form] = PROGRAMS[self.posed_form](posed)
+        if posed.program is None:
+            posed.form = self.variant or self.best_form(posed)
+            posed.program = PROGRAMS[posed.form](posed)
+        made: Program = posed.program
         return made
 
     @abc.abstractmethod
@@ -318,16 +417,13 @@ class ProgramSolver(PackageSolver):
         """The package's arrays of the QP in the solver's form."""
         return self.pack(self.program(posed))
 
-    def build(self, qp: ContactQP, start: Start | None) -> Built:
-        """As every package's, and what the program is started from."""
-        built = super().build(qp, start)
-        if built.duals is None:
-            return built
-        return built._replace(guess=self.program(built.posed).guess(built.duals))
+    def guess(self, posed: Posed, duals: Vector) -> tuple[Vector, Vector]:
+        """z and y."""
+        return self.program(posed).guess(duals)
 
     def in_x(self, native: Native, says: Outcome) -> Outcome:
         """x from z and y."""
-        if says.x is None:
+        if says.x is None or native.posed.form == "normal":
             return says
         x, duals = self.program(native.posed).answer(says.x, says.duals)
         return says._replace(x=x, duals=duals)

@@ -1,19 +1,18 @@
 """ProxQP, a proximal augmented Lagrangian method (proxsuite; Bambade et al. 2022).
 
-The problem is posed in normal form with rows lower ≤ I x ≤ upper, or in any other of `programs`, to
-the dense backend or, where A is sparse, to the sparse one with its Cholesky factors: left to itself
-it goes over to an iterative method between 2,000 and 4,000 unknowns, which is a thousand times
-slower.  P may be singular.  (The dense backend's box constraints would be more natural, but a warm
-start with their multipliers is refused: it checks them against n_in = 0.)
+The problem is posed in normal form with box constraints to the dense backend, or, where A is
+sparse, with y = A x as rows to the sparse one with its Cholesky factors: left to itself that goes
+over to an iterative method between 2,000 and 4,000 unknowns, which is a thousand times slower.  Any
+other form of `programs` can be asked for.  P may be singular.
 
 Accuracy: `eps_abs` is the residual and `eps_duality_gap_abs` the gap that `asked` allows, not below
 1e-13 (two of the scenes' QPs never reach 1e-14); the relative ones are 0, but for the gap of large
 QPs (`Posed.gap_share`).  Without the gap ProxQP may stop with a wrong complementarity (4e-6 off at
 1e-9 asked).  No QP here is infeasible or unbounded, but towers of 500 boxes were called so; what
 ProxQP takes for a proof of it is made very small.  In a sequence the workspace is updated in place
-and x, y and z start from the previous ones.  Its last bits depend on where its memory blocks lie:
-two solves of the same QP may differ by rounding.
-"""
+and goes on from what it ended with; a start that leads nowhere within `_PATIENCE` outer iterations
+is given up for none.  A new workspace starts cold: `solve` refuses multipliers of a box.  Its last
+bits depend on where its memory blocks lie: two solves of the same QP may differ by rounding."""
 
 from __future__ import annotations
 
@@ -23,18 +22,23 @@ from typing import Any, ClassVar
 import numpy as np
 from proxsuite import proxqp
 
-from problems.qp import Status
+from problems.qp import Status, Vector
 from solvers.adapters.inner_options import NEVER
-from solvers.adapters.package import Built, Native, Outcome, same_pattern
+from solvers.adapters.package import Built, Native, Outcome, same_kind
+from solvers.adapters.posed import Posed
 from solvers.adapters.programs import Program, ProgramSolver
 from solvers.base import Start
 
 _INFINITY = 1e20  # what proxsuite takes for an absent bound
-
-
-def _equations(arrays: Any) -> int:
-    """How many equations were handed over."""
-    return 0 if arrays[3] is None else int(arrays[3].size)
+_PATIENCE = 20  # outer iterations of a warm start: it needs two or three, or never ends
+_EXHAUSTED = proxqp.QPSolverOutput.PROXQP_MAX_ITER_REACHED
+_NOTHING = (None,) * 5  # neither equations nor rows
+_SETTINGS = {
+    "eps_rel": 0.0,
+    "eps_primal_inf": NEVER,
+    "eps_dual_inf": NEVER,
+    "check_duality_gap": True,
+}
 
 
 @dataclass(frozen=True)
@@ -53,54 +57,103 @@ class ProxQP(ProgramSolver):
         "PROXQP_DUAL_INFEASIBLE": Status.UNBOUNDED,
     }
 
+    def best_form(self, posed: Posed) -> str:
+        """With y = A x as rows where A is sparse."""
+        return "residual" if posed.is_sparse else "normal"
+
     def pack(self, program: Program) -> Any:
-        """P, q, the equations if there are any, and the other rows with their bounds."""
-        sparse, others = program.posed.is_sparse, program.others
+        """What `init` and `update` take: P, q, the equations, the other rows, the box.
+
+        Bounds are a box in the dense backend, which the sparse one does not have.
+        """
+        sparse, lower, upper = program.posed.is_sparse, program.lower, program.upper
+        if not sparse and program.posed.form == "normal":
+            return program.P(sparse=False), program.q, *_NOTHING, *_ends(lower, upper)
+        others = program.others
         A = program.rows(program.equations, sparse=sparse) if program.equal else None
         b = np.zeros(program.equal) if program.equal else None
-        lower = np.maximum(program.lower[others], -_INFINITY)
-        upper = np.minimum(program.upper[others], _INFINITY)
         C = program.rows(others, sparse=sparse)
-        return program.P(sparse=sparse), program.q, A, b, C, lower, upper
+        return program.P(sparse=sparse), program.q, A, b, C, *_ends(lower[others], upper[others])
+
+    def options(self, posed: Posed, asked: float | None) -> dict[str, Any]:
+        """Iterations and tolerances."""
+        settings: dict[str, Any] = {"max_iter": self.max_iterations, "compute_timings": True}
+        if asked is not None:
+            settings["eps_abs"] = posed.residual_tolerance(asked, 1e-13)
+            settings["eps_duality_gap_abs"] = posed.gap_tolerance(asked, 1e-13)
+            settings["eps_duality_gap_rel"] = posed.gap_share
+            settings |= _SETTINGS
+        return settings
 
     def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
-        """Update the workspace of the previous solve, or make one."""
-        posed, arrays, carried, _, guess = problem
-        family = proxqp.sparse if posed.is_sparse else proxqp.dense
-        equal, old = _equations(arrays), None if carried is None else carried.native.arrays[0]
+        """Update the workspace of the previous solve, or make one, and put x, y and z there."""
+        posed, arrays, options, carried, _, guess = problem
+        box, old = _is_box(arrays), None if carried is None else carried.native.arrays[0]
         if (
             old is not None
-            and _equations(old) == equal
-            and all(same_pattern(old[i], arrays[i]) for i in (0, 2, 4) if arrays[i] is not None)
+            and _is_box(old) == box
+            and all(same_kind(old[i], arrays[i]) for i in (0, 2, 4))
         ):
             solver = carried.native.object  # type: ignore[union-attr]
             fill = solver.update
         else:
-            solver = family.QP(arrays[1].size, equal, arrays[5].size)
-            if family is proxqp.sparse:
-                solver.settings.sparse_backend = proxqp.SparseBackend.SparseCholesky
-            fill = solver.init
+            solver = _solver(posed.is_sparse, arrays)
+            fill, carried = solver.init, None
         settings = solver.settings
-        settings.max_iter = self.max_iterations
-        if asked is not None:
-            settings.eps_abs, settings.eps_rel = posed.residual_tolerance(asked, 1e-13), 0.0
-            settings.eps_primal_inf = settings.eps_dual_inf = NEVER
-            settings.check_duality_gap, settings.eps_duality_gap_rel = True, posed.gap_share
-            settings.eps_duality_gap_abs = posed.gap_tolerance(asked, 1e-13)
+        for name, value in options.items():
+            setattr(settings, name, value)
         fill(*arrays)
-        if guess is None:
-            return Native(posed, solver, (arrays, ()))
-        settings.initial_guess = proxqp.InitialGuess.WARM_START
-        program, (z, y) = self.program(posed), guess
-        equal_y = y[program.equations] if program.equal else None
-        return Native(posed, solver, (arrays, (z, equal_y, y[program.others])))
+        begin: Any = ()
+        settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
+        if guess is not None and (not box or carried is not None):
+            program, (z, y) = self.program(posed), guess
+            begin = z, y[program.equations] if program.equal else None, y[program.others]
+            if box:  # `solve` refuses multipliers of a box
+                solver.results.x, solver.results.z = z, y
+                begin = ()
+            else:
+                settings.initial_guess = proxqp.InitialGuess.WARM_START
+        elif carried is None:
+            settings.initial_guess = proxqp.InitialGuess.NO_INITIAL_GUESS
+            return Native(posed, solver, (arrays, begin))
+        settings.max_iter = min(_PATIENCE, self.max_iterations)
+        return Native(posed, solver, (arrays, begin))
 
     def run(self, native: Native) -> Any:
-        """`QP.solve`, from x, y and z if there are any."""
-        return native.object.solve(*native.arrays[1])
+        """`QP.solve`, and once more from nothing where a start has led nowhere."""
+        solver = native.object
+        solver.solve(*native.arrays[1])
+        settings = solver.settings
+        if settings.max_iter < self.max_iterations and solver.results.info.status == _EXHAUSTED:
+            settings.max_iter = self.max_iterations
+            settings.initial_guess = proxqp.InitialGuess.NO_INITIAL_GUESS
+            solver.solve()
 
     def outcome(self, native: Native, result: Any) -> Outcome:
-        """ProxQP's status and iterations."""
+        """ProxQP's status, iterations and time."""
         says = native.object.results
-        y = self.program(native.posed).joined(says.y, says.z)
-        return Outcome(np.array(says.x), says.info.status.name, says.info.iter, y)
+        info, z = says.info, np.array(says.z)
+        y = z if native.posed.form == "normal" else self.program(native.posed).joined(says.y, z)
+        return Outcome(np.array(says.x), info.status.name, info.iter, y, 1e-6 * info.run_time)
+
+
+def _is_box(arrays: Any) -> bool:
+    """Whether the bounds are a box and no rows."""
+    return arrays[5] is None
+
+
+def _ends(lower: Vector, upper: Vector) -> tuple[Vector, Vector]:
+    """Bounds as proxsuite takes absent ones."""
+    return np.maximum(lower, -_INFINITY), np.minimum(upper, _INFINITY)
+
+
+def _solver(sparse: bool, arrays: Any) -> Any:
+    """A workspace for a program of these sizes."""
+    size, equal = arrays[1].size, 0 if arrays[3] is None else arrays[3].size
+    if sparse:
+        solver = proxqp.sparse.QP(size, equal, arrays[5].size)
+        solver.settings.sparse_backend = proxqp.SparseBackend.SparseCholesky
+        return solver
+    if _is_box(arrays):
+        return proxqp.dense.QP(size, 0, 0, True)
+    return proxqp.dense.QP(size, equal, arrays[5].size)

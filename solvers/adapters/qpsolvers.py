@@ -51,13 +51,15 @@ class QPSolvers(PackageSolver):
         """P, q and the bounds as a `qpsolvers.Problem`."""
         return qpsolvers.Problem(posed.P, posed.q, lb=posed.lower, ub=posed.upper)
 
+    def options(self, posed: Posed, asked: float | None) -> dict[str, Any]:
+        """Those of the inner solver."""
+        return {} if asked is None else inner_options(self.variant, posed, asked)
+
     def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
-        """The options of the inner solver."""
-        posed = problem.posed
-        options: dict[str, Any] = {"solver": self.variant, "initvals": posed.start}
-        if asked is not None:
-            options |= inner_options(self.variant, posed, asked)
-        return Native(posed, options, problem.arrays)
+        """Nothing: all of it is one call."""
+        posed, arrays, options, *_ = problem
+        options = {"solver": self.variant, "initvals": posed.start, **options}
+        return Native(posed, options, arrays)
 
     def run(self, native: Native) -> Any:
         """`qpsolvers.solve_problem`."""

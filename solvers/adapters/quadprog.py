@@ -1,50 +1,68 @@
 """quadprog, the dual active-set method of Goldfarb and Idnani (1983) in C.
 
-It wants a definite Hessian, which AᵀA often is not.  The velocity problem (3.4) is one:
+It wants a definite Hessian.  Where P = AᵀA is one, the problem is posed in normal form, with one
+row for each finite bound, and with J = R⁻¹, P = RᵀR, from LAPACK, which quadprog would make itself,
+more slowly and without saying how near to singular P is.  Elsewhere the velocity problem (3.4) is
+posed:
 
     minimise ½‖r − c‖²   subject to   Bᵀ r ≥ 0,
 
 where x = base + σ x′, x′ ≥ 0 counts from the finite bound (σ = −1 from an upper one), B = A σ and
-c = d + A base; rows without bounds are equalities.  x′ are the multipliers.  r is taken in
-an orthonormal basis U of the range of A, so that it has no part that no contact can change.
+c = d + A base; rows without bounds are equalities.  x′ are the multipliers.
 
 A row with both bounds, 0 ≤ x′ ≤ w, may have Δ′ < 0 at the cost w: a slack s ≥ −Δ′, s ≥ 0, with w s
 in the objective.  That slack has no curvature.  It is given ½‖(s − s_j)/ρ‖², ρ = 30, and the
 problem is solved again from s_{j+1} = s until s stands still: proximal iterations, each a thousand
-times nearer, of which nothing is left.  QPs without such rows are solved once.
+times nearer, of which nothing is left.  r is taken in an orthonormal basis U of the range of A
+there, so that it has no part that no contact can change, which would drown the slacks.
 
 Accuracy: an active-set method is exact once it has the working set; quadprog has no tolerance, no
 settings and no warm start.  Of rows that depend on each other it may find one violated by rounding
-and call the constraints inconsistent: Bᵀr ≥ −1e-14 ‖Uᵀd‖ prevents it.
+and call the constraints inconsistent: Bᵀr ≥ −1e-14 ‖c‖ prevents it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from functools import lru_cache
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import quadprog
+from scipy.linalg.lapack import dpotrf, dtrtri
 
-from problems.qp import Status
+from problems.qp import Status, Vector
 from solvers.adapters.package import Built, Native, Outcome, PackageSolver
 from solvers.adapters.posed import Posed
-from solvers.adapters.programs import one_sided
+from solvers.adapters.programs import OneSided, one_sided
 from solvers.base import Form, Start
 
 _SLACK = 30.0  # ρ
 _ENOUGH = 1e-14  # by which x′ of the rows at w may miss it, relative to the force
 _RELAXED = 1e-14
+_SINGULAR = 1e-4
+"""Least entry on the diagonal of R over the largest, above which P is definite enough."""
 _MAX_PASSES = 20
+
+
+class _Slacked(NamedTuple):
+    """The velocity problem: a, C, b, the number of equations and that of r; how x′ is counted."""
+
+    a: Vector
+    C: Vector
+    b: Vector
+    equations: int
+    m: int
+    own: OneSided
 
 
 @dataclass(frozen=True)
 class Quadprog(PackageSolver):
-    """quadprog: dual active-set method on the velocity problem (3.4), no warm start."""
+    """quadprog: dual active-set method, on P = AᵀA or on the velocity problem; no warm start."""
 
     name: ClassVar[str] = "quadprog"
     package: ClassVar[str] = "quadprog"
-    form: ClassVar[Form] = "velocity"
+    form: ClassVar[Form] = "normal"
     regularisation: ClassVar[str] = "none left: proximal iterations on slacks of two-sided rows"
     dense: ClassVar[bool] = True
     statuses: ClassVar[dict[Any, Status]] = {
@@ -53,47 +71,78 @@ class Quadprog(PackageSolver):
     }
 
     def arrays(self, posed: Posed) -> Any:
-        """Unknowns (r, s/ρ): a, C, b, the numbers of equations and of r; how x′ is counted."""
-        own = one_sided(posed)
-        A, d = posed.reduced
-        m, n, t = d.size, posed.n, own.two.size
-        C = np.zeros((m + t, n + t))
-        C[:m, :n] = (A * own.sign)[:, own.order]
-        C[m + np.arange(t), own.two] = _SLACK
-        C[m + np.arange(t), n + np.arange(t)] = 1.0
-        a = np.concatenate([d + A @ own.base, -_SLACK * own.width])
-        b = np.zeros(n + t)
-        b[own.equations : n] = -_RELAXED * max(1.0, float(np.linalg.norm(d)))
-        return a, C, b, own.equations, m, own
+        """a, C and b of the normal form; the velocity problem where P is singular for sure."""
+        if posed.n > posed.m:
+            return _slacked(posed)
+        if posed.one_sided:
+            return -posed.q, _identity(posed.n), posed.lower.copy()
+        low, high = np.flatnonzero(posed.lower > -np.inf), np.flatnonzero(posed.upper < np.inf)
+        if not low.size + high.size:
+            return _slacked(posed)  # with equations alone: quadprog wants a row
+        rows = _identity(posed.n)
+        C = np.hstack([rows[:, low], -rows[:, high]])
+        return -posed.q, C, np.concatenate([posed.lower[low], -posed.upper[high]])
 
     def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
-        """The Hessian is I, and so is the inverse of its factor."""
-        identity = np.identity(problem.arrays[0].size)
-        return Native(problem.posed, identity, problem.arrays)
+        """R⁻¹, P = RᵀR; I of the velocity problem, which is made here where P proves singular."""
+        posed, arrays, *_ = problem
+        if not isinstance(arrays, _Slacked):
+            R, failed = dpotrf(posed.P, lower=0, clean=1)
+            pivots = R.diagonal()
+            if not failed and pivots.min() > _SINGULAR * pivots.max():
+                return Native(posed, dtrtri(R)[0], arrays)
+            arrays = _slacked(posed)
+        return Native(posed, np.identity(arrays.a.size), arrays)
 
     def run(self, native: Native) -> Any:
         """`quadprog.solve_qp`, again until the slacks have settled."""
-        a, C, b, equalities, m, _ = native.arrays
-        now, slack, iterations = a, np.zeros(a.size - m), 0
         try:
-            for _ in range(_MAX_PASSES):
-                r, _, _, counts, multipliers, _ = quadprog.solve_qp(
-                    native.object, now, C, b, equalities, True
-                )
-                iterations += int(counts[0])
-                moved = np.abs(r[m:] - slack).max(initial=0.0)
-                if moved <= _ENOUGH * _SLACK:
-                    break
-                slack = r[m:]
-                now = np.concatenate([a[:m], a[m:] + slack])
+            if isinstance(native.arrays, _Slacked):
+                return _settled(native.object, native.arrays)
+            x, _, _, counts, *_ = quadprog.solve_qp(native.object, *native.arrays, 0, True)
         except ValueError as error:  # quadprog's only way to say that it failed
             return None, 0, str(error)
-        return multipliers, iterations, "solved"
+        return x, int(counts[0]), "solved"
 
     def outcome(self, native: Native, result: Any) -> Outcome:
-        """x from the multipliers of the velocity problem."""
-        multipliers, iterations, text = result
-        if multipliers is None:
-            return Outcome(None, text)
-        x = native.arrays[-1].x(multipliers[: native.posed.n])
+        """x, or x′ from the multipliers of the velocity problem."""
+        x, iterations, text = result
+        if x is not None and isinstance(native.arrays, _Slacked):
+            x = native.arrays.own.x(x[: native.posed.n])
         return Outcome(x, text, iterations)
+
+
+def _settled(identity: Vector, problem: _Slacked) -> tuple[Vector, int, str]:
+    """Multipliers and iterations of the velocity problem, once its slacks stand still."""
+    a, C, b, equations, m, _ = problem
+    now, slack, iterations = a, np.zeros(a.size - m), 0
+    for _ in range(_MAX_PASSES):
+        r, _, _, counts, multipliers, _ = quadprog.solve_qp(identity, now, C, b, equations, True)
+        iterations += int(counts[0])
+        moved = np.abs(r[m:] - slack).max(initial=0.0)
+        if moved <= _ENOUGH * _SLACK:
+            break
+        slack = r[m:]
+        now = np.concatenate([a[:m], a[m:] + slack])
+    return multipliers, iterations, "solved"
+
+
+def _slacked(posed: Posed) -> _Slacked:
+    """The velocity problem, unknowns (r, s/ρ)."""
+    own = one_sided(posed)
+    t = own.two.size
+    A, d = posed.reduced if t else (posed.dense, posed.d)
+    m, n = A.shape
+    C = np.zeros((m + t, n + t))
+    C[:m, :n] = (A * own.sign)[:, own.order]
+    C[m + np.arange(t), own.two] = _SLACK
+    C[m + np.arange(t), n + np.arange(t)] = 1.0
+    c = d + A @ own.base
+    b = np.zeros(n + t)
+    b[own.equations : n] = -_RELAXED * max(posed.force, float(np.linalg.norm(c)))
+    return _Slacked(np.concatenate([c, -_SLACK * own.width]), C, b, own.equations, m, own)
+
+
+@lru_cache(64)
+def _identity(n: int) -> Vector:
+    return np.identity(n)

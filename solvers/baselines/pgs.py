@@ -58,7 +58,7 @@ class ProjectedGaussSeidel(PackageSolver):
         posed = problem.posed
         P, diagonal, lower, upper, x = problem.arrays
         x = np.clip(x, posed.lower, posed.upper)
-        tolerance = None if asked is None else asked / posed.force
+        tolerance = None if asked is None else posed.allowed(asked)
         return Native(posed, (x.tolist(), posed.q + P @ x, tolerance), (P, diagonal, lower, upper))
 
     def run(self, native: Native) -> Any:

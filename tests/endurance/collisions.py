@@ -106,7 +106,7 @@ def collision(seed: int) -> Collision:
 def fallen(bodies: int, seed: int) -> Scene:
     """Polygons that have come down on each other."""
     heap = replace(scene("heap", bodies=bodies, seed=seed), mu_I=0.0)
-    run = simulate(heap, make_solver("lotstedt"), until=0.3, keep_qps=False)
+    run = simulate(heap, make_solver("glambda"), until=0.3, keep_qps=False)
     return replace(heap, q0=run.q[-1], v0=np.zeros_like(run.v[-1]))
 
 
@@ -130,7 +130,7 @@ def solved(made: Collision, perturbation: int, keep: bool = False) -> Outcome:
     Raises SimulationError where it does not settle.
     """
     options = StepperOptions(1e-3, 1e-3, rest_speed=1e-3, impulses="newton_coulomb")
-    stepper = Stepper(made.scene, make_solver("lotstedt"), options)
+    stepper = Stepper(made.scene, make_solver("glambda"), options)
     stepper.start()
     rng = np.random.default_rng([perturbation, 3])
     off = PERTURBATION * (perturbation > 0)
@@ -149,7 +149,7 @@ def solved(made: Collision, perturbation: int, keep: bool = False) -> Outcome:
     begin = time.process_time()
     try:
         after, lam = solve_impulse(
-            QPSequence(make_solver("lotstedt"), keep=keep),
+            QPSequence(make_solver("glambda"), keep=keep),
             hit,
             stepper.system.D,
             made.scene.mu_I,

@@ -25,17 +25,17 @@ from pathlib import Path
 
 import pandas as pd
 
-from harness.machine.machine import solver_version
+from harness.processes.introduction import forget
 from harness.results.changes import Changes, compare_results
 from harness.study.replay import replay
 from harness.study.study import record_into
 from solvers import registry
 
 SCENES = ("fig3", "fig4")
-SOLVERS = ("lotstedt", "daqp", "quadprog", "piqp", "proxqp", "scipy_bvls")
+SOLVERS = ("glambda", "daqp", "quadprog", "piqp", "proxqp", "scipy_bvls")
 PLANTED = {
     "daqp": "tests.endurance.planted:SlowDAQP",
-    "lotstedt": "tests.endurance.planted:BusyLotstedt",
+    "glambda": "tests.endurance.planted:BusyGlambda",
 }
 
 
@@ -43,12 +43,12 @@ def study(recordings: Sequence[Path], folder: Path, planted: str = "") -> Path:
     """Replay the recordings into a folder, with a change planted in one of the solvers."""
     if planted:
         registry.register(planted, PLANTED[planted])
-    solver_version.cache_clear()
+    forget()
     try:
         replay(recordings, SOLVERS, ("high",), results=folder)
     finally:
         registry._REGISTERED.pop(planted, None)
-        solver_version.cache_clear()
+        forget()
     return folder
 
 
@@ -111,9 +111,9 @@ def report(alike: Sequence[Path], other: dict[str, Path]) -> int:
         others.append(bool(blamed))
         if blamed:
             print(f"slow daqp, study {one.name}: {', '.join(blamed)}")
-        changes = compare_results(one, other["lotstedt"])
+        changes = compare_results(one, other["glambda"])
         risen = changes.counts[changes.counts["risen"]]
-        counts.append(set(risen["solver"]) == {"lotstedt"})
+        counts.append(set(risen["solver"]) == {"glambda"})
     rows = [
         ("comparisons of the same code", len(false)),
         ("that saw a change", sum(false)),

@@ -22,7 +22,7 @@ from harness.results.store import StoreError
 from problems.stepping.run import Event
 from tests.endurance.damage import SORTS, Random, damage
 
-LOOP = Loop("fake", "lotstedt", "paper", 1e-3, 1e-3, 2e-3, until=1.0, time_limit=60.0)
+LOOP = Loop("fake", "glambda", "paper", 1e-3, 1e-3, 2e-3, until=1.0, time_limit=60.0)
 
 
 class LoopTarget:

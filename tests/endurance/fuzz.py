@@ -14,9 +14,11 @@
    says nothing for `PATIENCE` seconds, that is counted and another goes on with the next file.
 
 A damaged file must be refused, or be read as what it was.  A forged or hostile one must be refused,
-or read: who can seal can write sound files, too.  Either way in bounded time and memory, and a
-refusal is one line with the file's name.  The rest are failures, listed by number.  The exit code
-is 1 if a damaged or forged one is among them; what the libraries do with a hostile one is theirs.
+or read: who can seal can write sound files, too.  Foreign files to be imported have no seal; what
+is asked of them is said in `tests.endurance.forged_imports`.  Either way in bounded time and
+memory, and a refusal is one line with the file's name.  The rest are failures, listed by number.
+The exit code is 1 if a damaged or forged one is among them; what the libraries do with a hostile
+one is theirs.
 """
 
 from __future__ import annotations
@@ -40,6 +42,17 @@ KINDS = {
     "recording": ("tests.endurance.forged_recordings", "RecordingTarget"),
     "shard": ("tests.endurance.forged_shards", "ShardTarget"),
     "loop": ("tests.endurance.forged_loops", "LoopTarget"),
+    **{
+        name: ("tests.endurance.forged_imports", target)
+        for name, target in {
+            "npz": "NpzTarget",
+            "parquet": "ParquetTarget",
+            "mat": "MatTarget",
+            "fclib": "FclibTarget",
+            "siconos": "SiconosTarget",
+            "blocks": "BlocksTarget",
+        }.items()
+    },
 }
 """What keeps a sound file at `path`: `change(i)` puts the i-th change of it there, and says of what
 sort it is and what it is; `read()` reads it, and says whether it holds what the sound file held."""

@@ -119,7 +119,7 @@ def run_case(case: Case, limit: float = LIMIT) -> Outcome:
     try:
         with _cpu_time(limit):
             made = scene(case.scene, **case.parameters)
-            run = simulate(made, make_solver("lotstedt"), keep_qps=False, **case.options)
+            run = simulate(made, make_solver("glambda"), keep_qps=False, **case.options)
     except (Exception, OutOfTime) as error:
         # compiled code may turn the interruption into an error of its own
         late = isinstance(error, OutOfTime) or isinstance(error.__cause__, OutOfTime)

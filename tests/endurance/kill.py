@@ -1,16 +1,16 @@
-"""kill -9 in the middle of a study, again and again: does every one that goes on end the same?
+"""Studies that are killed or interrupted, again and again: do they go on and end the same?
 
     python -m tests.endurance.kill          after every store operation, at 220 random moments
     python -m tests.endurance.kill --random 5 --isolated 1 --operations 10    a few of each
 
 1. A tiny study, a scene of few QPs through a few solvers, is done without interruption.
 2. The same is begun in an empty folder and killed: after its n-th operation on a file (open, write,
-   fsync, rename, and in the middle of a write), for every n; and at moments drawn from a
-   seed, where each solver is in the same process and where each is in one of its own.  Half of the
-   latter are killed a second time while they go on.
+   fsync, rename, and in the middle of a write), for every n; and at moments drawn from a seed,
+   where each solver is in the same process; and where each is in one of its own, up to three times
+   while it goes on, by SIGKILL, SIGINT, SIGTERM or SIGHUP.
 3. What is there is read, which must not fail, and the study is run again to its end.
 4. Every table must equal that of the study without interruption, but for times; so must the
-   recording and study.json, byte for byte; and no other file may be left.
+   recording and study.json, byte for byte; no other file may be left, and no process.
 
 Operations are counted from outside: the modules that touch files are handed an `os` and an `open`
 that count.  Exit code 1 if a table differs, a file cannot be read, or the study does not go on.
@@ -25,6 +25,7 @@ import signal
 import sys
 import tempfile
 import time
+import uuid
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -33,19 +34,26 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from glambda.cli.streams import heed_interrupts
 from harness.files import whole_files
+from harness.results.shard_file import FROM_PASSES
 from harness.results.store import Store, read_repeats, read_results
 from harness.study.replay import replay
 from harness.study.study import record_into
 
 SCENE, UNTIL = "tower,bodies=3", 0.05
-SOLVERS = ("lotstedt", "daqp", "quadprog")
+SOLVERS = ("glambda", "daqp", "quadprog")
 REPEATS = 2
-TIMES = ("runtime", "runtime_median", "build_time", "setup_time", "solve_time", "call_time", "pace")
+TIMES = tuple(name for name in FROM_PASSES if name != "repeats")
+SIGNALS = (signal.SIGKILL, signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+WORD = "GLAMBDA_ENDURANCE"
+"""Variable by which the processes of a study are found."""
 MAY_DIFFER = {"spent.json", ".lock"}
 """Files that hold seconds or process numbers."""
 PATIENCE = 120.0
 """Seconds after which a study counts as hanging."""
+GRACE = 20.0
+"""Seconds in which what it has started must end."""
 
 
 def study(folder: Path, isolate: bool) -> None:
@@ -129,6 +137,8 @@ def begin(folder: Path, isolate: bool, count: Countdown | None = None) -> int:
     if child:
         return child
     os.setpgid(0, 0)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    heed_interrupts()
     code = 1
     try:
         if count is not None:
@@ -154,10 +164,27 @@ def ended(child: int, seconds: float = PATIENCE) -> int | None:
     return None
 
 
-def kill(child: int) -> None:
+def kill(child: int, by: int = signal.SIGKILL) -> None:
     """Kill this process, not its group: what it started must look after itself."""
-    os.kill(child, signal.SIGKILL)
+    os.kill(child, by)
     os.waitpid(child, 0)
+
+
+def left_behind(word: str) -> int:
+    """Processes of a study that live on after it, and after some patience."""
+    until = time.monotonic() + GRACE
+    while (count := sum(_has(path, word) for path in Path("/proc").glob("[0-9]*/environ"))) and (
+        time.monotonic() < until
+    ):
+        time.sleep(0.1)
+    return count
+
+
+def _has(path: Path, word: str) -> bool:
+    try:
+        return f"{WORD}={word}".encode() in path.read_bytes()
+    except OSError:
+        return False
 
 
 def content(folder: Path) -> dict[str, Any]:
@@ -202,12 +229,16 @@ def first_difference(found: pd.DataFrame, expected: pd.DataFrame) -> str:
 
 
 def interrupted(
-    expected: dict[str, Any], isolate: bool, last: int = 0, moments: Sequence[float] = ()
+    expected: dict[str, Any],
+    isolate: bool,
+    last: int = 0,
+    moments: Sequence[tuple[float, int]] = (),
 ) -> str:
-    """Kill a study after operation `last`, or at each of the moments [s], then end it.
+    """Kill a study after operation `last`, or at each of the moments [s] by a signal; then end it.
 
     Returns what went wrong, or nothing.
     """
+    word = os.environ[WORD] = uuid.uuid4().hex
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "results"
         folder.mkdir()
@@ -215,10 +246,10 @@ def interrupted(
             code = ended(begin(folder, isolate, Countdown(last)))
             if code != -signal.SIGKILL:
                 return f"was not killed, but ended with {code}"
-        for moment in moments:
+        for moment, by in moments:
             child = begin(folder, isolate)
             if ended(child, moment) is None:
-                kill(child)
+                kill(child, by)
         try:
             read_results(folder)
             read_repeats(folder)
@@ -230,6 +261,8 @@ def interrupted(
             kill(child)
         if code != 0:
             return f"did not go on: exit code {code}"
+        if left := left_behind(word):
+            return f"left {left} processes behind"
         return difference(content(folder), expected)
 
 
@@ -254,7 +287,7 @@ def uninterrupted(isolate: bool) -> tuple[dict[str, Any], float]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print how many studies were killed where, and what came of them; 1 if one went wrong."""
-    parser = argparse.ArgumentParser(description="kill -9 in the middle of a study.")
+    parser = argparse.ArgumentParser(description="Kill and interrupt studies.")
     parser.add_argument("--operations", type=int, help="so many of them; default: after each")
     parser.add_argument("--random", type=int, default=200, help="random moments, in one process")
     parser.add_argument("--isolated", type=int, default=20, help="the same, solvers in their own")
@@ -283,7 +316,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for last in wanted:
         tell(f"{names[last - 1]}", interrupted(expected, False, last=int(last)))
     for _ in range(chosen.random):
-        moments = rng.uniform(0, seconds, rng.integers(1, 3))
+        moments = [(t, signal.SIGKILL) for t in rng.uniform(0, seconds, rng.integers(1, 3))]
         tell("a random moment", interrupted(expected, False, moments=moments))
     if chosen.isolated:
         same, seconds = uninterrupted(isolate=True)
@@ -291,7 +324,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if words:
             tell("no moment, solvers apart", words)
         for _ in range(chosen.isolated):
-            moments = rng.uniform(0, seconds, rng.integers(1, 3))
+            moments = [
+                (t, SIGNALS[rng.integers(len(SIGNALS))])
+                for t in rng.uniform(0, seconds, rng.integers(1, 4))
+            ]
             tell("a random moment, solvers apart", interrupted(expected, True, moments=moments))
     rows = [(what, count, count - wrong[what]) for what, count in tried.items()]
     rows.append(("all", tried.total(), tried.total() - wrong.total()))

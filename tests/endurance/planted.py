@@ -12,7 +12,7 @@ from typing import Any
 from zlib import crc32
 
 from problems.qp import ContactQP
-from solvers.active_set.method import Lotstedt
+from solvers.active_set.glambda import Glambda
 from solvers.adapters.daqp import DAQP
 from solvers.base import Answer, Start
 
@@ -45,8 +45,8 @@ class SlowDAQP(DAQP):
 
 
 @dataclass(frozen=True)
-class BusyLotstedt(Lotstedt):
-    """The paper's method, that counts the work of some QPs twice."""
+class BusyGlambda(Glambda):
+    """Our method, that counts the work of some QPs twice."""
 
     def read(self, qp: ContactQP, native: Any, result: Any) -> Answer:
         answer = super().read(qp, native, result)

@@ -45,7 +45,7 @@ from problems import scene, simulate
 from solvers import make_solver
 
 SCENES = ("fig2", "fig3", "fig4", "fig5")
-METHOD = "lotstedt"
+METHOD = "glambda"
 
 
 def dispatched() -> str:

@@ -30,7 +30,8 @@ def test_changed_files_are_refused_or_read(kind: str, sort: str, tmp_path: Path)
             refused += 1
         else:
             assert same or sort == "forged", about
-    assert refused > FILES // len(SORTS) // 2
+    unsealed = fuzz.KINDS[kind][0].endswith("imports")  # a changed digit may be as good
+    assert refused > FILES // len(SORTS) // (4 if unsealed else 2)
 
 
 def test_a_reader_that_dies_is_counted_and_the_rest_is_read(

@@ -18,8 +18,8 @@ from tests.endurance import heaps
 from tests.endurance.heaps import Case, case, energy_rise, examined, load, run_case, save
 
 
-def lotstedt():
-    return make_solver("lotstedt")
+def glambda():
+    return make_solver("glambda")
 
 
 def test_tips_that_meet_on_the_ground_do_not_pass_through_each_other():
@@ -33,7 +33,7 @@ def test_tips_that_meet_on_the_ground_do_not_pass_through_each_other():
             v0=np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]]),
             end_time=1.0,
         )
-        run = simulate(sliding, lotstedt())
+        run = simulate(sliding, glambda())
         assert overlap(sliding, run.q).max() < run.options["eps"]
 
 
@@ -57,7 +57,7 @@ def test_tips_that_drift_has_let_pass_each_other_stay_in_contact(number):
 def test_jams_catch_contacts():
     """Bodies wedged under gains of 1.8: each jam names what has caught, and the run gets on."""
     made = case(0, 1)
-    run = simulate(scene(made.scene, **made.parameters), lotstedt(), until=0.9, keep_qps=False)
+    run = simulate(scene(made.scene, **made.parameters), glambda(), until=0.9, keep_qps=False)
     jams = [event for event in run.event_log if event.kind == "jam"]
     assert 0 < len(jams) < 20
     assert all("body" in jam.detail for jam in jams)
@@ -68,7 +68,7 @@ def test_impulses_with_friction_leave_nothing_to_jam():
     """Those without leave wedged bodies sliding; at once, or in the step after, they jam."""
     made = case(0, 37)
     frictionless, rough = (
-        simulate(scene("rain", **{**made.parameters, "mu_I": mu_I}), lotstedt(), keep_qps=False)
+        simulate(scene("rain", **{**made.parameters, "mu_I": mu_I}), glambda(), keep_qps=False)
         for mu_I in (0.0, made.parameters["mu"])
     )
     jams = [event.t for event in frictionless.event_log if event.kind == "jam"]
@@ -92,12 +92,12 @@ def test_a_case_is_the_same_again_from_its_file(tmp_path):
 
 def test_what_goes_wrong_is_a_failure():
     assert run_case(Case("rain", {"bodies": 0})).failure == "error"
-    run = simulate(scene("rain", bodies=5, end_time=0.8), lotstedt(), keep_qps=False)
+    run = simulate(scene("rain", bodies=5, end_time=0.8), glambda(), keep_qps=False)
     assert not examined(run, 0.8, 0.0).failure
     assert run_case(case(0, 1), limit=1e-6).failure == "time"
     run.q[-1, 0] = run.q[-1, 1]
     assert examined(run, 0.8, 0.0).failure == "overlap"
-    run = simulate(scene("rain", bodies=5, end_time=0.8), lotstedt(), keep_qps=False)
+    run = simulate(scene("rain", bodies=5, end_time=0.8), glambda(), keep_qps=False)
     assert energy_rise(run) < 1e-3
     run.v[-1] *= 2.0
     assert examined(run, 0.8, 0.0).failure == "energy"
@@ -115,12 +115,12 @@ def test_the_table_counts_failures(tmp_path, capsys):
 
 def test_walls_are_in_the_picture_from_runs_and_recordings():
     made = scene("rain", bodies=5, columns=2, end_time=0.1)
-    run = simulate(made, lotstedt())
+    run = simulate(made, glambda())
     walls = [plane.point[0] for plane in made.ground[1:]]
-    for source in (run, recording_of(run, "lotstedt")):
+    for source in (run, recording_of(run, "glambda")):
         motion = motion_of(source)
         window = window_of(motion, [run.q[0]])
         assert window.left < min(walls) < max(walls) < window.right
         assert window.bottom < 0.0
-    stranger = motion_of(replace(recording_of(run, "lotstedt"), scene="of a plug-in"))
+    stranger = motion_of(replace(recording_of(run, "glambda"), scene="of a plug-in"))
     assert stranger.ground == [((0.0, 0.0), (0.0, 1.0))]

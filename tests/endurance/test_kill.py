@@ -37,6 +37,12 @@ def test_a_killed_study_goes_on_to_the_same_end() -> None:
     assert "| all" in run.stdout
 
 
+def test_an_interrupted_study_goes_on_to_the_same_end_and_leaves_no_process() -> None:
+    run = benchmark("-m", "tests.endurance.kill", "--operations=0", "--random=0", "--isolated=2")
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert "| a random moment, solvers apart |       2 |" in run.stdout, run.stdout
+
+
 def test_writing_in_place_would_be_noticed() -> None:
     run = benchmark("-c", IN_PLACE)
     assert run.returncode == 1, run.stdout + run.stderr

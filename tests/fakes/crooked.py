@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from problems.qp import ContactQP, Solution, Status
-from solvers.active_set.method import Lotstedt
+from solvers.active_set.glambda import Glambda
 from solvers.base import Answer, Solver, Unsupported
 
 
@@ -35,7 +35,7 @@ class Right(Solver):
 
     def answer(self, qp: ContactQP) -> Any:
         """x."""
-        return Lotstedt(1e-14).solve(qp).x
+        return Glambda(1e-14).solve(qp).x
 
     def read(self, qp: ContactQP, native: Any, result: Any) -> Answer:
         return Answer(result, Status.SOLVED, 3, repr(native[1]), memory="kept")

@@ -1,82 +1,76 @@
-"""Solvers in whose first pass something happens to the machine, by their own hand.
-
-Each does it once in the life of the process that replays, which a file remembers.
-"""
+"""What befalls a process that is asked, the server, or all: once, before the QP numbered `AT`."""
 
 from __future__ import annotations
 
 import os
 import signal
-import tempfile
+import subprocess
+import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
+from harness.passes.measure import Reply
+from harness.passes.wire import Question
+from harness.processes import isolate
+from harness.processes.process import Process, server
 from tests.fakes.crooked import Right
 
-STANDSTILL = 2.5
-"""How long the process that replays is stopped [s]."""
+AT = 3
+STOP = """
+import os, signal, sys, time
+us, child = map(int, sys.argv[1:])
+os.kill(us, signal.SIGSTOP)
+time.sleep(2.5)
+os.kill(us, signal.SIGCONT)
+time.sleep(0.5)
+os.kill(child, signal.SIGCONT)
+"""
+STARTED: list[subprocess.Popen[bytes]] = []
 
 
-def replaying() -> int:
-    """Process id of whoever replays: the parent of the server, which is ours."""
-    stat = Path(f"/proc/{os.getppid()}/stat").read_text()
-    return int(stat.rpartition(")")[2].split()[1])
+def server_is_killed(process: Process) -> None:
+    os.kill(server()._process.pid, signal.SIGKILL)
+    time.sleep(0.3)
 
 
-def marker(name: str, pid: int) -> Path:
-    return Path(tempfile.gettempdir()) / f"glambda-once-{pid}-{name}"
+def is_killed(process: Process) -> None:
+    os.kill(process.pid, signal.SIGKILL)
+    time.sleep(0.1)
 
 
-def first_time(name: str) -> bool:
-    path = marker(name, replaying())
-    if path.exists():
-        return False
-    path.touch()
-    return True
+def all_stand_still(process: Process) -> None:
+    os.kill(process.pid, signal.SIGSTOP)
+    STARTED.append(
+        subprocess.Popen([sys.executable, "-c", STOP, str(os.getpid()), str(process.pid)])
+    )
 
 
-@dataclass(frozen=True)
-class Disturbed(Right):
-    """Answers rightly; `happens` before the QP at 0.03 s is answered for the first time."""
-
-    def run(self, native: Any) -> Any:
-        if native[0].t >= 0.03 and first_time(type(self).__name__):
-            self.happens()
-        return super().run(native)
-
-    def happens(self) -> None:
-        raise NotImplementedError
+EVENTS = (server_is_killed, is_killed, all_stand_still)
 
 
-class ServerIsKilled(Disturbed):
-    def happens(self) -> None:
-        os.kill(os.getppid(), signal.SIGKILL)
-        time.sleep(10)
+class Once(isolate.Apart):
+    """Lets `event` happen before QP `AT` is asked, once."""
 
+    event: Callable[[Process], None]
+    happened = False
 
-class IsKilled(Disturbed):
-    def happens(self) -> None:
-        os.kill(os.getpid(), signal.SIGKILL)
-
-
-class AllStandStill(Disturbed):
-    def happens(self) -> None:
-        os.kill(replaying(), signal.SIGSTOP)
-        time.sleep(STANDSTILL)
-        os.kill(replaying(), signal.SIGCONT)
+    def _ask(self, process: Process, question: Question) -> Reply:
+        scored = question.qp.t >= 0 and self._arguments["target"]
+        if scored and question.number == AT and not Once.happened:
+            Once.happened = True
+            Once.event(process)
+        return super()._ask(process, question)
 
 
 @dataclass(frozen=True)
 class DiesUnborn(Right):
-    """Dies as it is made, in the process that it is to solve in."""
+    """Dies as it is made, in the process that it is to solve in, and not where it is introduced."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        with open("/proc/self/cmdline", "rb") as file:
-            if b"harness.processes.forkserver" in file.read():
+        frame = sys._getframe()
+        while frame.f_back is not None:
+            frame = frame.f_back
+            if frame.f_code.co_name == "work":
                 os._exit(3)
-
-
-NAMES = ("ServerIsKilled", "IsKilled", "AllStandStill", "DiesUnborn")

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
+import socket
 import time
-from multiprocessing.connection import Connection
 
 LEFT = 3
 
 
-def forks(link: Connection, dies: bool) -> None:
+def forks(link: socket.socket, dies: bool) -> None:
     """Fork a child, and a daemon with a child; tell their numbers; die or hang, deaf to signals."""
     signal.pthread_sigmask(signal.SIG_BLOCK, set(signal.Signals))
     heard, said = os.pipe()
@@ -27,7 +28,7 @@ def forks(link: Connection, dies: bool) -> None:
     while told.count(b" ") < LEFT:
         told += os.read(heard, 100)
     print("last words", flush=True)
-    link.send([os.getpid(), *map(int, told.split())])
+    link.sendall(json.dumps([os.getpid(), *map(int, told.split())]).encode())
     if dies:
         os._exit(3)
     time.sleep(1000)
@@ -35,4 +36,25 @@ def forks(link: Connection, dies: bool) -> None:
 
 def _tell(said: int) -> None:
     os.write(said, b"%d " % os.getpid())
+    time.sleep(1000)
+
+
+def says_no_more(link: socket.socket) -> None:
+    """Close the link, and live on."""
+    link.close()
+    time.sleep(1000)
+
+
+def take_memory(link: socket.socket, children: int, bytes: int) -> None:
+    """So many children take so much each."""
+    heard, said = os.pipe()
+    for _ in range(children):
+        if os.fork() == 0:
+            kept = bytearray(bytes)
+            kept[::4096] = b"x" * len(kept[::4096])
+            _tell(said)
+    told = b""
+    while told.count(b" ") < children:
+        told += os.read(heard, 100)
+    link.sendall(b"done")
     time.sleep(1000)

@@ -20,13 +20,13 @@ from solvers import make_solver
 @cache
 def scene_run(name: str, **parameters: float) -> Run:
     """One of the paper's scenes, with the paper's method in the loop."""
-    return simulate(scene(name, **parameters), make_solver("lotstedt"))
+    return simulate(scene(name, **parameters), make_solver("glambda"))
 
 
 @cache
 def scene_recording(name: str) -> Recording:
     """The recording of a scene, with references."""
-    return recording_of(scene_run(name), "lotstedt")
+    return recording_of(scene_run(name), "glambda")
 
 
 @cache

@@ -12,13 +12,13 @@ import pytest
 from benchmarks import times, work_counts
 
 LABEL = "tower,bodies=5"
-CHOICE = ["--sequences", LABEL, "--solvers", "lotstedt"]
+CHOICE = ["--sequences", LABEL, "--solvers", "glambda"]
 Baseline = dict[str, Any]
 
 
 @pytest.fixture(scope="module")
 def baseline() -> Baseline:
-    return work_counts.baseline_of([LABEL], ["lotstedt"])
+    return work_counts.baseline_of([LABEL], ["glambda"])
 
 
 def exit_code(baseline: Baseline, folder: Path) -> int:
@@ -30,13 +30,13 @@ def exit_code(baseline: Baseline, folder: Path) -> int:
 def with_rise(baseline: Baseline, count: str, percent: float) -> Baseline:
     """The baseline that today's code exceeds by so much in one count."""
     tampered = copy.deepcopy(baseline)
-    counts = tampered[LABEL]["counts"]["lotstedt warm"]
+    counts = tampered[LABEL]["counts"]["glambda warm"]
     counts[count] = round(counts[count] / (1 + percent / 100))
     return tampered
 
 
 def test_the_same_code_does_the_same_work(baseline: Baseline, tmp_path: Path) -> None:
-    today = work_counts.measure([LABEL], ["lotstedt"])
+    today = work_counts.measure([LABEL], ["glambda"])
     assert {name: baseline[LABEL][name] for name in today[LABEL]} == today[LABEL]
     assert exit_code(baseline, tmp_path) == 0
 
@@ -57,33 +57,33 @@ def test_a_rise_of_four_percent_passes(baseline: Baseline, tmp_path: Path) -> No
 
 @pytest.mark.parametrize("count", ["descent_directions", "qr_factorizations", "flops"])
 def test_each_count_is_looked_at(baseline: Baseline, count: str) -> None:
-    today = work_counts.measure([LABEL], ["lotstedt"])
+    today = work_counts.measure([LABEL], ["glambda"])
     table = work_counts.compare(with_rise(baseline, count, 50.0), today)
     risen = table[table["risen"]]
     assert list(risen["count"]) == [count]
-    assert list(risen["solver"]) == ["lotstedt warm"]
+    assert list(risen["solver"]) == ["glambda warm"]
 
 
 def test_what_rounding_explains_is_no_rise(baseline: Baseline) -> None:
-    today = work_counts.measure([LABEL], ["lotstedt"])
+    today = work_counts.measure([LABEL], ["glambda"])
     tampered = with_rise(baseline, "flops", 6.0)
-    was = tampered[LABEL]["counts"]["lotstedt warm"]["flops"]
-    now = today[LABEL]["counts"]["lotstedt warm"]["flops"]
+    was = tampered[LABEL]["counts"]["glambda warm"]["flops"]
+    now = today[LABEL]["counts"]["glambda warm"]["flops"]
     for rounding, risen in ((now - was, 0), (now - was - 1, 1)):
-        tampered[LABEL]["rounding"]["lotstedt warm"]["flops"] = rounding
+        tampered[LABEL]["rounding"]["glambda warm"]["flops"] = rounding
         assert work_counts.compare(tampered, today)["risen"].sum() == risen
 
 
 def test_a_count_that_was_zero_may_not_appear(baseline: Baseline) -> None:
-    today = work_counts.measure([LABEL], ["lotstedt"])
-    today[LABEL]["counts"]["lotstedt warm"]["cg_iterations"] += 1
+    today = work_counts.measure([LABEL], ["glambda"])
+    today[LABEL]["counts"]["glambda warm"]["cg_iterations"] += 1
     before = copy.deepcopy(baseline)
-    before[LABEL]["counts"]["lotstedt warm"]["cg_iterations"] = 0
+    before[LABEL]["counts"]["glambda warm"]["cg_iterations"] = 0
     assert work_counts.compare(before, today)["risen"].sum() == 1
 
 
 def test_other_questions_are_named(baseline: Baseline) -> None:
-    today = work_counts.measure([LABEL], ["lotstedt"])
+    today = work_counts.measure([LABEL], ["glambda"])
     before = copy.deepcopy(baseline)
     before[LABEL]["digest"] = "0" * 16
     assert work_counts.remarks(before, today) == [
@@ -96,21 +96,21 @@ def test_other_questions_are_named(baseline: Baseline) -> None:
 
 
 def test_only_solvers_that_are_gone_are_missed(baseline: Baseline) -> None:
-    today = work_counts.measure([LABEL], ["lotstedt"])
+    today = work_counts.measure([LABEL], ["glambda"])
     before = copy.deepcopy(baseline)
     for solver in ("lotstedt[exact_qr]", "lotstedt[gone]"):
-        before[LABEL]["counts"][f"{solver} warm"] = before[LABEL]["counts"]["lotstedt warm"]
+        before[LABEL]["counts"][f"{solver} warm"] = before[LABEL]["counts"]["glambda warm"]
     assert work_counts.remarks(before, today) == [f"{LABEL}: lotstedt[gone] is not in the code"]
     assert "lotstedt[exact_qr]" in work_counts.SOLVERS
-    del before[LABEL]["counts"]["lotstedt warm"], before[LABEL]["counts"]["lotstedt cold"]
-    assert work_counts.remarks(before, today)[0] == f"{LABEL}: lotstedt is not in the baseline"
+    del before[LABEL]["counts"]["glambda warm"], before[LABEL]["counts"]["glambda cold"]
+    assert work_counts.remarks(before, today)[0] == f"{LABEL}: glambda is not in the baseline"
 
 
 def test_an_update_of_a_part_keeps_the_rest(baseline: Baseline, tmp_path: Path) -> None:
     before = with_rise(baseline, "flops", 50.0)
     entry = copy.deepcopy(before[LABEL])
     for part in ("counts", "rounding"):
-        before[LABEL][part]["lotstedt[exact_qr] warm"] = entry[part]["lotstedt warm"]
+        before[LABEL][part]["lotstedt[exact_qr] warm"] = entry[part]["glambda warm"]
     before["another"] = entry
     path = tmp_path / "baseline.json"
     path.write_text(json.dumps(before))
@@ -148,7 +148,7 @@ def test_the_committed_baseline_holds_every_sequence() -> None:
     assert set(kept) == set(work_counts.SEQUENCES)
     for found in kept.values():
         assert found["counts"].keys() == found["rounding"].keys()
-        assert {"lotstedt cold", "lotstedt warm"} <= found["counts"].keys()
+        assert {"glambda cold", "glambda warm"} <= found["counts"].keys()
 
 
 def test_disturbing_moves_the_last_bits_only() -> None:
@@ -160,10 +160,10 @@ def test_disturbing_moves_the_last_bits_only() -> None:
 
 
 def test_ratios_of_times_are_printed_and_no_seconds(capsys: pytest.CaptureFixture[str]) -> None:
-    names = ["lotstedt", f"{times.ROOT}:scipy_bvls"]
+    names = ["glambda", f"{times.ROOT}:scipy_bvls"]
     assert times.main([*names, "--sequences", LABEL, "--rounds", "2"]) == 0
     told = capsys.readouterr().out
-    assert "over that of lotstedt" in told
+    assert "over that of glambda" in told
     assert "×" in told
     assert " to " in told
     assert "µs" not in told
@@ -172,6 +172,6 @@ def test_ratios_of_times_are_printed_and_no_seconds(capsys: pytest.CaptureFixtur
 def test_a_folder_without_the_code_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert times.main(["lotstedt", f"{tmp_path}:lotstedt", "--sequences", LABEL]) == 2
+    assert times.main(["glambda", f"{tmp_path}:glambda", "--sequences", LABEL]) == 2
     assert "no checkout" in capsys.readouterr().err
-    assert times.main(["lotstedt"]) == 2
+    assert times.main(["glambda"]) == 2

@@ -35,7 +35,7 @@ from tests.fakes.fake_recordings import fake_recording
 ROOT = Path(__file__).parents[2]
 KEPT = "; what was finished is kept"
 CONTINUES = f"{KEPT}: the same command continues"
-FAST = "lotstedt,scipy_bvls"
+FAST = "glambda,scipy_bvls"
 runner = CliRunner()
 
 
@@ -85,7 +85,7 @@ def test_scenes_and_solvers() -> None:
     listed = glambda("scenes").stdout
     assert all(name in listed for name in study.PAPER_SCENES) and "mu_I=" in listed
     listed = glambda("solvers").stdout
-    assert "lotstedt*" in listed and "working set" in listed
+    assert "glambda*" in listed and "working set" in listed
 
 
 def test_a_report_knows_how_a_scene_may_be_run() -> None:
@@ -94,7 +94,7 @@ def test_a_report_knows_how_a_scene_may_be_run() -> None:
 
 def test_absent_solvers_are_listed_with_their_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        registry, "_targets", lambda: {"lotstedt": registry.BUILT_IN["lotstedt"], "gone": "no_a:B"}
+        registry, "_targets", lambda: {"glambda": registry.BUILT_IN["glambda"], "gone": "no_a:B"}
     )
     assert "absent: gone (No module named 'no_a')" in glambda("solvers").stdout
 
@@ -130,6 +130,7 @@ def test_simulate_writes_its_files(tmp_path: Path) -> None:
     [
         *("record fig3", "growth tower", "closed-loop fig3", "convergence fig3", "stability"),
         *("painleve", "peers", "study", "report {results}", "criterion {fig3}", "stretch {fig3}"),
+        "disturb {fig3}",
         *("replay {fig3}", "verify {fig3}"),
     ],
 )
@@ -147,7 +148,7 @@ class Tired:
     """The paper's method, which ends after t = 0.5 s: it gives up, or somebody presses Ctrl-C."""
 
     def __init__(self, end: BaseException):
-        self.end, self.inner = end, make_solver("lotstedt")
+        self.end, self.inner = end, make_solver("glambda")
 
     def solve(self, qp: Any, start: Any = None) -> Any:
         if qp.t > 0.5:
@@ -226,17 +227,17 @@ def test_replay_stores_and_continues(fig3: Path, tmp_path: Path) -> None:
     shards = {p: p.stat().st_mtime_ns for p in (tmp_path / "solves").iterdir()}
     assert glambda(*command, "--repeats", 1).exit_code == 0
     assert shards == {p: p.stat().st_mtime_ns for p in (tmp_path / "solves").iterdir()}
-    assert "lotstedt" in glambda("info", tmp_path).stdout
+    assert "glambda" in glambda("info", tmp_path).stdout
 
 
 def test_replay_of_one_row(fig3: Path) -> None:
     result = glambda(
-        *("replay", fig3, "--solvers", "lotstedt", "--settings", "high", "--arms", "warm"),
+        *("replay", fig3, "--solvers", "glambda", "--settings", "high", "--arms", "warm"),
         *("--qp", 4),
     )
     assert result.exit_code == 0, result.output
     assert "fig3/000004" in result.stdout and "verified" in result.stdout
-    assert_told(glambda("replay", fig3, "--solvers", "lotstedt", "--qp", 10_000), "QPs 0 to")
+    assert_told(glambda("replay", fig3, "--solvers", "glambda", "--qp", 10_000), "QPs 0 to")
 
 
 def test_replay_refuses_to_mix(fig3: Path, tmp_path: Path) -> None:
@@ -267,7 +268,7 @@ def test_replay_refuses_to_mix(fig3: Path, tmp_path: Path) -> None:
         (("info", "absent.h5"), ("absent.h5", "no such file")),
         (("report", "absent"), ("absent",)),
         (("verify", "absent.h5"), ("absent.h5", "no such file")),
-        (("study", "--scenes", "fig9", "--solvers", "lotstedt"), ("unknown scene 'fig9'",)),
+        (("study", "--scenes", "fig9", "--solvers", "glambda"), ("unknown scene 'fig9'",)),
     ],
 )
 def test_bad_input_is_told_in_one_line(
@@ -301,10 +302,10 @@ def test_bad_recordings_are_told_in_one_line(tmp_path: Path) -> None:
     path.write_bytes(whole[: len(whole) // 2])
     assert_told(glambda("info", path), "fake.h5", "glambda record")
     path.write_text("foreign")
-    assert_told(glambda("verify", path, "--solvers", "lotstedt"), "foreign")
+    assert_told(glambda("verify", path, "--solvers", "glambda"), "foreign")
     path.write_bytes(whole)
     path.write_bytes(whole.replace(b"recording 3", b"recording 2", 1))
-    assert_told(glambda("replay", path, "--solvers", "lotstedt"), "version: is '2'")
+    assert_told(glambda("replay", path, "--solvers", "glambda"), "version: is '2'")
     path.write_bytes(whole)
     with h5py.File(path, "r+") as raw:
         raw["qps/d"][0] = float("nan")
@@ -354,6 +355,7 @@ def test_ctrl_c_promises_what_is_true(
         ("verify", {"output": Path("results")}, CONTINUES),
         ("verify", {"output": None}, ""),
         ("stretch", {"output": Path("recordings")}, KEPT),
+        ("disturb", {"output": Path("recordings")}, KEPT),
         ("simulate", {}, ""),
     ],
 )
@@ -378,10 +380,10 @@ def test_verify_passes_and_fails(fig3: Path, monkeypatch: pytest.MonkeyPatch) ->
     good = glambda("verify", fig3, "--solvers", FAST)
     assert good.exit_code == 0, good.output
     assert "0 missed" in good.stdout and "the same Gλ" in good.stdout
-    monkeypatch.setattr(registry, "_REGISTERED", {"lotstedt": CROOKED["liar"]})
-    bad = glambda("verify", fig3, "--solvers", "lotstedt")
+    monkeypatch.setattr(registry, "_REGISTERED", {"glambda": CROOKED["liar"]})
+    bad = glambda("verify", fig3, "--solvers", "glambda")
     assert bad.exit_code == 1
-    assert "FAILED" in bad.stdout and "lotstedt" in bad.stdout
+    assert "FAILED" in bad.stdout and "glambda" in bad.stdout
 
 
 @pytest.fixture(scope="module")
@@ -389,7 +391,7 @@ def right_rows(fig3: Path) -> pd.DataFrame:
     """Rows that are all verified, as of a backend that is expected to miss some."""
     from harness.study.replay import replay as replay_all
 
-    rows = replay_all([fig3], ["lotstedt"], ["high"], repeats=1)
+    rows = replay_all([fig3], ["glambda"], ["high"], repeats=1)
     return rows.assign(solver="osqp", kind="step")
 
 
@@ -426,7 +428,7 @@ def test_on_other_scenes_only_the_accurate_class_is_held_to_anything(
 
 
 def test_study_end_to_end_and_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(study, "QUICK", replace(study.QUICK, until=0.3, solvers=("lotstedt",)))
+    monkeypatch.setattr(study, "QUICK", replace(study.QUICK, until=0.3, solvers=("glambda",)))
     folder = tmp_path / "out"
     command = ("study", "--quick", "--scenes", "fig3 fig5,mu_I=0.5", "--results", folder)
     first = glambda(*command)
@@ -467,7 +469,7 @@ def test_a_study_that_cannot_be_writes_nothing(tmp_path: Path, scenes: str, word
 def test_study_will_not_mix_two_recordings_of_a_scene(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    quick = replace(study.QUICK, scenes=("fig5",), until=0.2, solvers=("lotstedt",))
+    quick = replace(study.QUICK, scenes=("fig5",), until=0.2, solvers=("glambda",))
     monkeypatch.setattr(study, "QUICK", quick)
     assert glambda("study", "--quick", "--results", tmp_path).exit_code == 0
     monkeypatch.setattr(study, "QUICK", replace(quick, until=0.25))
@@ -480,7 +482,7 @@ def test_interrupted_study_keeps_what_is_finished(tmp_path: Path, sent: signal.S
     code = (
         "import sys, dataclasses, harness.study.study as s\n"
         "s.QUICK = dataclasses.replace(s.QUICK, scenes=('fig3',), until=3.0, repeats=400)\n"
-        "sys.argv = ['glambda', 'study', '--quick', '--solvers', 'scipy_bvls,lotstedt',\n"
+        "sys.argv = ['glambda', 'study', '--quick', '--solvers', 'scipy_bvls,glambda',\n"
         f"            '--results', {str(tmp_path)!r}]\n"
         "from glambda.cli import main\nmain()\n"
     )

@@ -23,7 +23,7 @@ glambda.simulate(4)
 
 def test_a_scene_and_a_solver_are_named_or_given() -> None:
     run = glambda.simulate("fig4", until=0.05)
-    same = glambda.simulate(glambda.scene("fig4"), glambda.make_solver("lotstedt"), until=0.05)
+    same = glambda.simulate(glambda.scene("fig4"), glambda.make_solver("glambda"), until=0.05)
     other = glambda.simulate("fig4", "quadprog", until=0.05)
     assert run.q.tobytes() == same.q.tobytes()
     assert abs(other.q[-1] - run.q[-1]).max() < 1e-5
@@ -59,3 +59,39 @@ def test_a_user_s_type_checker_sees_the_types(tmp_path: Path) -> None:
     assert re.search('Revealed type is ".*dict.*str.*int', said)
     assert "judging.judge.Judgement" in said and 'has incompatible type "int"' in said
     assert "untyped" not in said and "Cannot find" not in said
+
+
+def test_figures_of_results_are_drawn_one_by_one(tmp_path: Path) -> None:
+    recording = glambda.recording_from(glambda.record("fig4", until=0.05).qps, "mine")
+    results = tmp_path / "results"
+    glambda.replay(recording, ["lotstedt", "daqp"], ["high"], results=results, isolate=False)
+    for draw in (glambda.plot_accuracy, glambda.plot_cost, glambda.plot_profiles,
+                 glambda.plot_outside):  # fmt: skip
+        picture = draw(results, tmp_path / "figure.svg")
+        assert picture.kind == "svg" and "<svg" in (picture._repr_svg_() or "")
+        assert picture._repr_png_() is None and (tmp_path / "figure.svg").is_file()
+        with pytest.raises(ValueError):
+            draw(results, setting="paper")
+    moving = glambda.plot_motion(glambda.simulate("fig4", until=0.05))
+    assert (moving._repr_png_() or b"").startswith(b"\x89PNG")
+    rows = glambda.load_results(results)
+    assert rows["verified"].all() and {"charged", "runtime", "solver"} <= set(rows.columns)
+    with pytest.raises(ValueError, match="is not a folder"):
+        glambda.load_results(tmp_path / "nowhere")
+
+
+def test_qps_of_one_s_own() -> None:
+    qps = glambda.record("fig4", until=0.02).qps
+    made = glambda.recording_from(qps, answers=[None] * len(qps))
+    assert made.scene == "qps" and len(made.references) == len(qps)
+    with pytest.raises(ValueError, match="there are no QPs"):
+        glambda.recording_from([])
+    with pytest.raises(ValueError, match=f"{len(qps)} QPs need as many answers; got 0"):
+        glambda.recording_from(qps, answers=[])
+    with pytest.raises(ValueError, match="an answer needs"):
+        glambda.recording_from(qps, answers=[[0.0] * (qp.k + 1) for qp in qps])
+
+
+def test_models_of_an_engine_are_named_too() -> None:
+    pytest.importorskip("mujoco")
+    assert glambda.record("mujoco:arm", until=0.05).scene == "mujoco_arm"

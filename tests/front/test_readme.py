@@ -6,6 +6,7 @@ that would take long in the variant that `SHORT` states; a line that is new runs
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import re
 import shlex
@@ -17,6 +18,7 @@ import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -30,27 +32,28 @@ ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
 
 SHORT = {
+    "glambda record mujoco:arm mujoco:walker -o recordings": "+ --until 0.1",
     "glambda simulate fig4 --plot fig4.png --animate fig4.gif": "+ --until 0.4",
     "glambda record fig4 fig5 -o recordings": "+ --until 0.1",
     "glambda record wall,bodies=1000,mu=0.3 --fixed-step 0.005 --stops held": "glambda record "
     "wall,bodies=8,mu=0.3 --fixed-step 0.005 --stops held --until 0.01",
     "glambda replay recordings/*.h5 --arms cold,warm,exact,stale5,corrupted -o results": "+ "
-    "--solvers lotstedt --settings high --repeats 1",
+    "--solvers glambda --settings high --repeats 1",
     "glambda replay recordings/*.h5 --settings 1e-3,1e-6,1e-9 -o results": "+ "
-    "--solvers lotstedt --arms cold --repeats 1",
+    "--solvers glambda --arms cold --repeats 1",
     "glambda replay recordings/*.h5 --solvers forms -o results": "glambda replay "
     "recordings/wall*.h5 --solvers forms -o results --settings high --arms cold --repeats 1",
-    "glambda verify": "+ recordings/fig4.h5 --solvers lotstedt,daqp",
-    "glambda closed-loop fig4 -o closed_loop": "+ --until 0.02 --solvers lotstedt "
+    "glambda verify": "+ recordings/fig4.h5 --solvers glambda,daqp",
+    "glambda closed-loop fig4 -o closed_loop": "+ --until 0.02 --solvers glambda "
     "--settings paper --sweep none",
     "glambda convergence -o convergence": "+ wall,bodies=3",
     "glambda peers -o peers": "+ fig4@0.05 --engines glambda --limit 0.001",
     "glambda criterion recordings/*.h5 -o criterion": "glambda criterion recordings/wall*.h5 "
     "-o criterion --repeats 1",
-    "glambda growth tower wall -o growth": "+ --bodies 3 --solvers lotstedt",
-    "glambda study --quick": "+ --scenes fig5 --solvers lotstedt",
+    "glambda growth tower wall -o growth": "+ --bodies 3 --solvers glambda",
+    "glambda study --quick": "+ --scenes fig5 --solvers glambda",
     "glambda study --workers 4": "glambda study --workers 2 --quick --scenes fig5 "
-    "--solvers lotstedt --results shared",
+    "--solvers glambda --results shared",
 }
 """What runs instead of a command, or "+" and what is added to it, so that it takes seconds."""
 SMALLER = {
@@ -155,7 +158,10 @@ def test_every_command_runs(folder: Path, plug_in: object, monkeypatch: pytest.M
     for name, value in SMALLER.items():
         monkeypatch.setattr(name, value)
     wrong = []
+    np.savez("mine.npz", A=np.eye(3), b=np.ones(3), lb=np.zeros(3))
     for command in commands():
+        if "mujoco:" in command and importlib.util.find_spec("mujoco") is None:
+            continue  # an extra
         if command == "glambda compare results_A results_B":
             for copy in ("results_A", "results_B"):
                 shutil.copytree("results", copy)
@@ -164,6 +170,8 @@ def test_every_command_runs(folder: Path, plug_in: object, monkeypatch: pytest.M
         began = time.perf_counter()
         result = CliRunner().invoke(app, words[1:])
         print(f"{time.perf_counter() - began:6.1f} s  {command}", flush=True)
+        if command == "glambda doctor" and result.exit_code == 1:
+            continue  # it has found something, such as other tests beside this one
         if result.exit_code or result.exception is not None:
             said = f"{result.output}\n{result.exception!r}"
             wrong.append(f"{command}: exit {result.exit_code}\n{said}")
@@ -227,7 +235,7 @@ def test_every_file_and_script_that_is_named_is_there() -> None:
         assert (ROOT / name).exists(), name
 
 
-@pytest.mark.parametrize("script", sorted(set(re.findall(r"benchmarks/\w+\.py", README))))
+@pytest.mark.parametrize("script", sorted(set(re.findall(r"(benchmarks/\w+\.py) --", README))))
 def test_every_benchmark_tells_its_options(script: str) -> None:
     told = subprocess.run(
         [sys.executable, ROOT / script, "--help"], capture_output=True, text=True, cwd=ROOT

@@ -124,3 +124,29 @@ def test_simulate_writes_its_files_when_nobody_reads_its_words(tmp_path: Path) -
     command = ("simulate", "fig3", "--until", 0.01, "--trajectory", tmp_path / "f.csv")
     assert unread(sys.executable, "-c", main, *command) == 0
     assert (tmp_path / "f.csv").stat().st_size and (tmp_path / "f.events.csv").exists()
+
+
+IN_A_CALLBACK = """
+import os, signal, time, weakref
+from glambda.cli.streams import heed_interrupts
+heed_interrupts()
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
+class Thing:
+    pass
+
+thing = Thing()
+seen = weakref.ref(thing, lambda _: os.kill(os.getpid(), signal.SIGINT))
+try:
+    del thing
+    time.sleep(60)
+except KeyboardInterrupt:
+    print("heeded")
+"""
+
+
+def test_an_interrupt_in_a_callback_is_not_lost() -> None:
+    run = subprocess.run(
+        [sys.executable, "-c", IN_A_CALLBACK], capture_output=True, text=True, timeout=50
+    )
+    assert run.stdout == "heeded\n", run.stderr

@@ -8,7 +8,6 @@ import pytest
 from problems.contacts.geometry_kernels import (
     column_speeds,
     column_sum,
-    gather_columns,
     place_corners,
 )
 from problems.kernels.arena import PER_ENTRY, Arena, integers, numbers, table, zeros
@@ -47,12 +46,10 @@ def test_kernels_find_the_same_in_an_arena_and_without() -> None:
     v, weights = rng.standard_normal(3 * n), rng.standard_normal(count)
     local, body = rng.standard_normal((9, 2)), rng.integers(0, n, 9)
     A = rng.standard_normal((12, 5))
-    row, tangential = np.array([3, 0, 6]), np.array([True, False, True])
     calls = [
         (place_corners, v, body, local),
         (column_speeds, entries, bodies, v),
         (column_sum, entries, bodies, weights, 3 * n),
-        (gather_columns, entries, -entries, bodies, row, tangential),
         (far_from_dependent, A, SAFE_FRACTION),
         (far_from_dependent, np.hstack([A, A]), SAFE_FRACTION),
     ]

@@ -107,7 +107,7 @@ def test_versions_whose_insides_are_known(version: str, inside: bool) -> None:
 def test_sources_are_the_files_that_kernels_rest_on() -> None:
     """Those that define kernels, and what they import, on and on; the stepper is none of them."""
     names = {str(path.relative_to(path.parents[2])) for path in SOURCES if "problems" in path.parts}
-    for name in ("friction/kernels.py", "formulas/multistep.py", "stepping/quiet_records.py"):
+    for name in ("friction/kernels.py", "formulas/multistep.py", "stepping/records.py"):
         assert any(found.endswith(name) for found in names), name
     assert not any(found.endswith("stepping/stepper.py") for found in names)
     folder = Path(__file__).parents[2] / "problems"

@@ -8,13 +8,12 @@ import pytest
 from problems.contacts.geometry_kernels import column_product, columns_product, dense_columns
 from problems.friction.kernels import (
     RIDGE,
-    extrapolated_multipliers,
     newton_move,
     next_multipliers,
     small_newton_multipliers,
     solve_in_place,
-    spring_loads,
 )
+from problems.friction.rules import extrapolated_multipliers, spring_loads
 
 EXACT = {"rtol": 1e-10, "atol": 1e-10}
 

@@ -7,19 +7,19 @@ from scipy.optimize import minimize
 
 from problems import scene, simulate
 from problems.kernels.arena import Arena
-from problems.least_norm import compiled as compiled_least_norm
+from problems.kernels.compiled import Direct
 from problems.least_norm.independence import (
     IndependenceProof,
     far_from_dependent,
     surely_independent,
 )
-from problems.least_norm.minimum_norm import (
+from problems.least_norm.least_distance import (
     least_distance_point,
-    least_distance_qp,
-    minimum_norm,
+    least_norm,
+    non_negative_form,
     null_space,
-    run_least_norm,
 )
+from problems.least_norm.minimum_norm import minimum_norm
 from problems.least_norm.sparse_minimum_norm import ridge
 from problems.qp import ContactQP
 from problems.sequence import QPSequence
@@ -28,17 +28,18 @@ from solvers.active_set.sparse.pattern import is_narrow
 
 
 def sequence():
-    return QPSequence(make_solver("lotstedt", accuracy=1e-13))
+    return QPSequence(make_solver("glambda", accuracy=1e-13))
 
 
-def test_null_space_is_orthonormal_and_complete():
+@pytest.mark.parametrize("shape", [(5, 3, 8), (8, 3, 5), (4, 4, 4), (3, 0, 2)])
+def test_null_space_is_orthonormal_and_complete(shape):
+    m, rank, k = shape
     rng = np.random.default_rng(0)
-    A = rng.normal(size=(5, 3)) @ rng.normal(size=(3, 8))
-    Q2 = null_space(A)
-    assert Q2.shape == (8, 5)
-    np.testing.assert_allclose(A @ Q2, 0, atol=1e-13)
-    np.testing.assert_allclose(Q2.T @ Q2, np.eye(5), atol=1e-14)
-    assert null_space(np.zeros((3, 2))).shape == (2, 2)
+    A = rng.normal(size=(m, rank)) @ rng.normal(size=(rank, k))
+    basis = null_space(A.copy())
+    assert basis.shape == (k - rank, k)
+    np.testing.assert_allclose(basis @ A.T, 0, atol=1e-13)
+    np.testing.assert_allclose(basis @ basis.T, np.eye(k - rank), atol=1e-14)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -46,10 +47,11 @@ def test_least_distance_equals_a_general_optimizer(seed):
     rng = np.random.default_rng(seed)
     E = rng.normal(size=(6, 3))
     e = E @ rng.normal(size=3) - rng.uniform(0, 0.5, 6)  # feasible by construction
-    A, d = least_distance_qp(E, e)
-    qp = ContactQP(A, d, np.zeros(6), np.full(6, np.inf))
-    solution = make_solver("lotstedt", accuracy=1e-13).solve(qp)
-    z = least_distance_point(qp.residual(solution.x))
+    A, d, acts = non_negative_form(E, e)
+    qp = ContactQP(A, d, np.zeros(acts.size), np.full(acts.size, np.inf))
+    solution = make_solver("glambda", accuracy=1e-13).solve(qp)
+    z, found = least_distance_point(A, solution.x)
+    assert found
     best = minimize(
         lambda z: z @ z,
         np.zeros(3),
@@ -64,10 +66,10 @@ def test_least_distance_equals_a_general_optimizer(seed):
 
 def test_infeasible_rows_are_seen():
     E, e = np.array([[1.0], [-1.0]]), np.array([1.0, 1.0])  # z ≥ 1 and z ≤ −1
-    A, d = least_distance_qp(E, e)
+    A, d, _ = non_negative_form(E, e)
     qp = ContactQP(A, d, np.zeros(2), np.full(2, np.inf))
-    solution = make_solver("lotstedt", accuracy=1e-13).solve(qp)
-    assert least_distance_point(qp.residual(solution.x)) is None
+    solution = make_solver("glambda", accuracy=1e-13).solve(qp)
+    assert not least_distance_point(A, solution.x)[1]
 
 
 def table_on_four_legs(lower=0.0):
@@ -128,7 +130,7 @@ def test_independence_is_claimed_only_where_qr_confirms_it(form, least):
     U, _, Vt = np.linalg.svd(rng.normal(size=(60, 50)), full_matrices=False)
     A = U * np.linspace(1, least, 50) @ Vt
     assert surely_independent(form(A)) == (least >= 1e-5)
-    assert null_space(A).shape[1] == (least == 0)
+    assert null_space(A.copy()).shape[0] == (least == 0)
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -234,10 +236,13 @@ def test_the_sparse_way_finds_the_same_multipliers(seed, with_rows):
         assert (C @ sparse).min() >= -1e-8
 
 
+run_least_norm = Direct(least_norm)
+
+
 def by_kernels(A, lam, lower, upper, C):
     return run_least_norm(
         *(A, lower, upper, lam, C, Arena.of(lam.size)),
-        *make_solver("lotstedt").compiled(A.shape[1]),
+        *make_solver("glambda").compiled(A.shape[1]),
     )
 
 
@@ -257,26 +262,6 @@ def test_the_compiled_way_finds_the_same_multipliers(seed, with_rows):
     found, solves = by_kernels(A, lam, lower, upper, rows)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
     assert solves == qps.count
-
-
-@pytest.mark.parametrize("shape", [(5, 3, 8), (8, 3, 5), (4, 4, 4), (3, 0, 2)])
-def test_the_compiled_null_space_is_orthonormal_and_complete(shape):
-    m, rank, k = shape
-    rng = np.random.default_rng(0)
-    A = rng.normal(size=(m, rank)) @ rng.normal(size=(rank, k))
-    basis = compiled_least_norm.null_space(A.copy())
-    assert basis.shape == (k - rank, k)
-    np.testing.assert_allclose(basis @ A.T, 0, atol=1e-13)
-    np.testing.assert_allclose(basis @ basis.T, np.eye(k - rank), atol=1e-14)
-
-
-def test_qps_that_are_not_kept_are_left_to_the_solver():
-    A, lam, lower, upper, C = two_tables(np.random.default_rng(0), mu=0.4)
-    qp = ContactQP(A, -A @ lam, lower, upper)
-    kept, unkept = (QPSequence(make_solver("lotstedt"), keep) for keep in (True, False))
-    one, other = (minimum_norm(qps, qp, lam, C) for qps in (kept, unkept))
-    np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
-    assert kept.count == unkept.count == len(kept.qps) and not unkept.qps
 
 
 @pytest.mark.usefixtures("always_sparse")
@@ -314,7 +299,7 @@ def test_the_sparse_way_leaves_fixed_rows_and_unique_answers_alone():
 def test_a_large_wall_at_rest_is_one_pass_and_sparse_for_the_solver():
     """Dense, the minimum-norm QPs of 1,000 bodies would take minutes."""
     wall = scene("wall", bodies=150, mu=0.3, speed=0.0)
-    run = simulate(wall, make_solver("lotstedt"), fixed_step=1 / 240, until=3 / 240)
+    run = simulate(wall, make_solver("glambda"), fixed_step=1 / 240, until=3 / 240)
     least = [qp for qp in run.qps if qp.kind == "minimum_norm"]
     assert least
     assert all(is_narrow(qp.A) for qp in least)
@@ -367,7 +352,7 @@ def test_the_ridge_keeps_its_pattern_where_entries_cancel() -> None:
 def test_a_chain_goes_on_from_its_like() -> None:
     """The second ridge QP of a minimum norm, and those of the next one, start from the last."""
     made = scene("wall", bodies=160, mu=0.4)
-    cold, starts = make_solver("lotstedt"), []
+    cold, starts = make_solver("glambda"), []
 
     class Watching:
         name = "watching"
@@ -379,7 +364,7 @@ def test_a_chain_goes_on_from_its_like() -> None:
 
     run = simulate(made, Watching(), until=5e-6)
     assert not starts[0] and all(starts[2:]) and len(starts) >= 4
-    again = make_solver("lotstedt", accuracy=None)
+    again = make_solver("glambda", accuracy=None)
     for qp, found in zip(run.qps, run.solutions, strict=True):
         if qp.kind == "minimum_norm":
             apart = again.solve(qp).x

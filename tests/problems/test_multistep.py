@@ -1,77 +1,67 @@
 """Multistep formulas: exact on the polynomials that they should be exact on, and (3.5)."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 
-from problems.formulas.multistep import History, first_order_step
+from problems.formulas.multistep import first_order_step
+from problems.formulas.step_kernels import bdf, longest_step, path_curvature, predicted
+
+TIMES = np.array([0.0, 0.1, 0.17])
+"""Three time points, of which the last is the newest; the next step goes on from there."""
+H_BEFORE, H = 0.07, 0.05
 
 
-def history_of(v, a, times):
-    """A history that has stepped through `times` along known functions."""
-    history = History(np.array([v(times[0])]))
-    for before, now in pairwise(times):
-        history.push(now - before, np.array([v(now)]), np.array([a(now)]))
-    return history
+def newest(function):
+    """Values (1,) at the last two time points, newest first."""
+    return np.array([function(TIMES[2])]), np.array([function(TIMES[1])])
 
 
 def test_ab2_is_exact_for_linear_velocity_with_variable_steps():
-    history = history_of(lambda t: 1 + 3 * t, lambda t: 3.0, [0.0, 0.1, 0.17])
-    path = history.path(np.zeros(1))
-    h = 0.05
-    assert path(h)[0] == pytest.approx(h * (1 + 3 * 0.17) + 1.5 * h * h)
-    assert path.rate(h)[0] == pytest.approx(1 + 3 * (0.17 + h))
+    (v, before), bend = newest(lambda t: 1 + 3 * t), np.empty(1)
+    path_curvature(2, v, before, H_BEFORE, bend)
+    assert H * (v + H * bend)[0] == pytest.approx(H * (1 + 3 * 0.17) + 1.5 * H * H)
+    path_curvature(1, v, before, H_BEFORE, bend)
+    assert bend[0] == 0.0
 
 
 def test_bdf2_is_exact_for_quadratic_velocity_with_variable_steps():
-    v, a = lambda t: 2 - t + 4 * t * t, lambda t: -1 + 8 * t
-    history = history_of(v, a, [0.0, 0.1, 0.17])
-    h = 0.05
-    alpha0, b = history.bdf(h)
-    assert (h * a(0.17 + h) + b[0]) / alpha0 == pytest.approx(v(0.17 + h))
+    def v(t):
+        return 2 - t + 4 * t * t
+
+    def a(t):
+        return -1 + 8 * t
+
+    b = np.empty(1)
+    alpha0 = bdf(2, H / H_BEFORE, *newest(v), b)
+    assert (H * a(0.17 + H) + b[0]) / alpha0 == pytest.approx(v(0.17 + H))
 
 
 def test_constant_step_gives_the_familiar_coefficients():
-    history = history_of(lambda t: t, lambda t: 1.0, [0.0, 0.1, 0.2])
-    alpha0, b = history.bdf(0.1)
-    assert alpha0 == pytest.approx(1.5)
+    b = np.empty(1)
+    assert bdf(2, 1.0, np.array([0.2]), np.array([0.1]), b) == pytest.approx(1.5)
     assert b[0] == pytest.approx(2 * 0.2 - 0.5 * 0.1)
-
-
-def test_two_first_order_steps_after_a_restart():
-    history = History(np.zeros(1))
-    orders = []
-    for _ in range(4):
-        orders.append(history.order)
-        history.push(0.1, np.zeros(1), np.zeros(1))
-    assert orders == [1, 1, 2, 2]
-    history.restart(np.ones(1))
-    assert history.order == 1
-    assert history.path(np.zeros(1))(0.5)[0] == 0.5
+    assert bdf(1, 1.0, np.array([0.2]), np.array([0.1]), b) == 1.0
+    assert b[0] == 0.2
 
 
 def test_predictor_uses_what_is_known():
-    v, a = lambda t: t * t, lambda t: 2 * t
-    assert history_of(v, a, [0.0]).predict(0.1)[0] == 0.0
-    assert history_of(v, a, [0.0, 0.1]).predict(0.1)[0] == pytest.approx(0.01 + 0.1 * 0.2)
-    assert history_of(v, a, [0.0, 0.1, 0.2]).predict(0.1)[0] == pytest.approx(0.09)
+    (v, _), guess = newest(lambda t: t * t), np.empty(1)
+    a = newest(lambda t: 2 * t)
+    for steps, expected in ((0, 0.17**2), (1, 0.17**2 + H * 0.34), (2, (0.17 + H) ** 2)):
+        predicted(steps, H, H / H_BEFORE, v, *a, guess)
+        assert guess[0] == pytest.approx(expected)
 
 
 def test_step_length_meets_3_5_with_equality():
-    norm = np.linalg.norm
-    history = history_of(lambda t: t**3, lambda t: 3 * t * t, [0.0, 0.1, 0.17])
-    eps = 1e-4
-    h = history.largest_step(eps, norm)
-    jerk = norm(history.a[0] - history.a[1]) / history.h
-    assert h * h * (h / 6 + history.h / 4) * jerk == pytest.approx(h * eps)
-    early = history_of(lambda t: t, lambda t: 2.0, [0.0, 0.1])
-    assert 0.5 * early.largest_step(eps, norm) ** 2 * 2.0 == pytest.approx(
-        early.largest_step(eps, norm) * eps
-    )
+    D, eps = np.array([2.0]), 1e-4
+    a = newest(lambda t: 3 * t * t)
+    h = longest_step(D, 2, *a, H_BEFORE, eps)
+    jerk = 2 * abs(a[0][0] - a[1][0]) / H_BEFORE
+    assert h * h * (h / 6 + H_BEFORE / 4) * jerk == pytest.approx(h * eps)
+    early = longest_step(D, 1, *a, H_BEFORE, eps)
+    assert 0.5 * early**2 * 2 * a[0][0] == pytest.approx(early * eps)
     assert first_order_step(0.0, eps) == np.inf
 
 
 def test_free_fall_has_no_estimate():
-    history = history_of(lambda t: -9.81 * t, lambda t: -9.81, [0.0, 0.1, 0.2])
-    assert history.largest_step(1e-3, np.linalg.norm) == np.inf
+    assert longest_step(np.ones(1), 2, np.ones(1), np.ones(1), H_BEFORE, 1e-3) == np.inf

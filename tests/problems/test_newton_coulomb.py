@@ -44,7 +44,7 @@ def after_collision(made: Scene, rule: str, solver: SolvesQPs) -> tuple[np.ndarr
 @pytest.mark.parametrize("spin", [-1.0, 0.0, 2.0])
 def test_the_laws_hold_at_one_corner(vx: float, spin: float) -> None:
     made = falling_box(vx, spin, angle=0.3)
-    v, assembly = after_collision(made, "newton_coulomb", make_solver("lotstedt"))
+    v, assembly = after_collision(made, "newton_coulomb", make_solver("glambda"))
     assert assembly.normals
     M = np.array([2.0, 2.0, made.bodies[0].inertia])
     change = M * (v - made.v0.ravel())
@@ -59,14 +59,14 @@ def test_the_laws_hold_at_one_corner(vx: float, spin: float) -> None:
 
 
 def test_both_models_agree_where_contacts_stick() -> None:
-    made, solver = falling_box(vx=0.0, spin=0.0, angle=0.0), make_solver("lotstedt")
+    made, solver = falling_box(vx=0.0, spin=0.0, angle=0.0), make_solver("glambda")
     paper, _ = after_collision(made, "paper", solver)
     newton, _ = after_collision(made, "newton_coulomb", solver)
     np.testing.assert_allclose(newton, paper, atol=1e-9)
 
 
 def test_a_sliding_contact_bounces_in_the_paper_s_model_alone() -> None:
-    made, solver = falling_box(vx=3.0, spin=0.0, angle=0.0), make_solver("lotstedt")
+    made, solver = falling_box(vx=3.0, spin=0.0, angle=0.0), make_solver("glambda")
     newton, _ = after_collision(made, "newton_coulomb", solver)
     paper, _ = after_collision(made, "paper", solver)
     assert abs(newton[1]) < 1e-9 < 0.1 < paper[1]
@@ -74,7 +74,7 @@ def test_a_sliding_contact_bounces_in_the_paper_s_model_alone() -> None:
 
 
 def test_the_motion_of_fig5_does_not_depend_on_the_model_and_that_of_fig4_does() -> None:
-    solver, ends = make_solver("lotstedt"), {}
+    solver, ends = make_solver("glambda"), {}
     for name, until in (("fig4", 0.8), ("fig5", 1.0)):
         made = scene(name, mu_I=0.8)
         runs = [
@@ -120,14 +120,14 @@ def test_coulomb_s_law_holds_where_a_contact_bears_no_load_at_first(
         return v, impulse
 
     monkeypatch.setattr("problems.stepping.transitions.solve_impulse", watched)
-    simulate(plates, make_solver("lotstedt"), impulses="newton_coulomb", keep_qps=keep)
+    simulate(plates, make_solver("glambda"), impulses="newton_coulomb", keep_qps=keep)
     assert len(laws) >= 3
     np.testing.assert_allclose(laws, 0.0, atol=1e-8)
 
 
 def test_an_unknown_model_is_refused() -> None:
     with pytest.raises(ValueError, match="newton_coulomb"):
-        simulate(scene("fig5"), make_solver("lotstedt"), impulses="newton")  # type: ignore[arg-type]
+        simulate(scene("fig5"), make_solver("glambda"), impulses="newton")  # type: ignore[arg-type]
 
 
 def test_a_whole_number_is_a_coefficient_too():
@@ -135,7 +135,7 @@ def test_a_whole_number_is_a_coefficient_too():
     runs = [
         simulate(
             replace(scene("fig4"), mu_I=mu_I),
-            make_solver("lotstedt"),
+            make_solver("glambda"),
             impulses="newton_coulomb",
             keep_qps=False,
             until=0.5,

@@ -35,7 +35,7 @@ def kinds(run):
 @pytest.mark.parametrize("seed", [7, 92, 299])
 def test_a_contact_that_has_sunk_deep_is_kept_where_its_corner_slides_off(seed):
     """Drift goes with ε, and may be more than `contact_tol`, which goes with the shortest edge."""
-    run = simulate(triangles(seed), make_solver("lotstedt"), keep_qps=False)
+    run = simulate(triangles(seed), make_solver("glambda"), keep_qps=False)
     assert "slide_off" in kinds(run) and "overlap" not in kinds(run)
     assert worst(run) < 10
 
@@ -43,7 +43,7 @@ def test_a_contact_that_has_sunk_deep_is_kept_where_its_corner_slides_off(seed):
 @pytest.mark.parametrize("seed", [58, 519, 520, 900])
 def test_what_overlaps_is_found_before_it_is_deep(seed):
     """How these go on hangs on rounding."""
-    run = simulate(triangles(seed), make_solver("lotstedt"), keep_qps=False)
+    run = simulate(triangles(seed), make_solver("glambda"), keep_qps=False)
     assert worst(run) < 10
 
 
@@ -53,7 +53,7 @@ def test_a_contact_that_is_lost_is_found_again(seed, keep, monkeypatch):
     """Whatever the reason: here nobody takes over where a corner slides off."""
     monkeypatch.setattr(transitions, "successor", lambda *_: None)
     monkeypatch.setattr(Geometry, "hit_edge", first_edge)
-    run = simulate(triangles(seed), make_solver("lotstedt"), keep_qps=keep)
+    run = simulate(triangles(seed), make_solver("glambda"), keep_qps=keep)
     assert "overlap" in kinds(run)
     assert worst(run) < 10
 
@@ -87,7 +87,7 @@ def test_parts_that_overlap_far_too_deep_are_told_of_once(keep):
         bodies=(large, large), q0=[[0, 0, 0], [19.985, 1, 0]], v0=np.zeros((2, 3)), ground=(),
         gravity=0.0, end_time=0.1,
     )  # fmt: skip
-    run = simulate(floats, make_solver("lotstedt"), keep_qps=keep)
+    run = simulate(floats, make_solver("glambda"), keep_qps=keep)
     assert [e.detail for e in run.event_log if e.kind == "overlap"] == [
         "body 1 and body 2: 0.015 m"
     ]

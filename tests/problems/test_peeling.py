@@ -48,7 +48,7 @@ def test_dependent_columns_never_peel() -> None:
 def test_bricks_that_stick(name: str, independent: bool) -> None:
     """A tower with all its friction is determinate; a wall is not."""
     made = scene(name, bodies=40, mu=0.5, speed=0.0)
-    run = simulate(made, make_solver("lotstedt"), until=1e-3)
+    run = simulate(made, make_solver("glambda"), until=1e-3)
     qp = next(qp for qp in run.qps if qp.kind == "step")
     assert (np.linalg.matrix_rank(qp.dense_A) == qp.k) == independent
     graph_entries = np.zeros((qp.k, 6))

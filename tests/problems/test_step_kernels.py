@@ -3,13 +3,10 @@
 import numpy as np
 import pytest
 
-from problems.bodies.bodies import GROUND, box, polygon_body
+from problems.bodies.bodies import GROUND
 from problems.contacts.active_kernels import friction_bounds
-from problems.contacts.geometry import Geometry, HalfPlane
 from problems.contacts.geometry_kernels import dense_columns, gather_columns
 from problems.contacts.path_kernels import (
-    END_SLACK,
-    arrive,
     beyond_edge,
     ends_inside,
     largest_motion,
@@ -62,7 +59,8 @@ def test_columns_are_gathered_by_row_and_direction(rng):
     normal, tangent = rng.normal(size=(4, 6)), rng.normal(size=(4, 6))
     bodies = rng.integers(-1, 5, (4, 2))
     row, tangential = np.array([0, 2, 2, 3]), np.array([False, False, True, True])
-    entries, where = gather_columns(normal, tangent, bodies, row, tangential)
+    entries, where = np.empty((4, 6)), np.empty((4, 2), np.int64)
+    gather_columns(normal, tangent, bodies, row, tangential, entries, where)
     np.testing.assert_array_equal(entries, np.where(tangential[:, None], tangent[row], normal[row]))
     np.testing.assert_array_equal(where, bodies[row])
 
@@ -80,59 +78,6 @@ def test_friction_bounds_and_signs():
     rounding = np.array([1e-17, 1e-17, 5.0]), np.array([1e-17, 1e-17, 5.0])
     slip = np.array([2.0, -1e-16, 1.0])
     np.testing.assert_array_equal(forced_signs(np.zeros(3), *rounding, slip), [-1.0, 0.0, 1.0])
-
-
-BODIES = (box(1.0, 1.0), polygon_body([(0, 0), (2, 0), (1, 1.5)]), box(0.5, 2.0))
-
-
-def pairs(geometry):
-    """All corners and parts of different bodies."""
-    corner, part = np.indices((len(geometry.corner_body), len(geometry.part_body))).reshape(2, -1)
-    other = geometry.corner_body[corner] != geometry.part_body[part]
-    return corner[other], part[other]
-
-
-def arrival(geometry, q, velocity, curvature, h, places, level=0.0):
-    corner, part = pairs(geometry)
-    candidates = corner, part, np.full(corner.size, level), np.ones(corner.size, bool)
-    path = q, velocity, curvature
-    return arrive(
-        *(path, h, np.zeros_like(q), candidates, places, geometry.radius, geometry.tables)
-    )
-
-
-def test_an_arrival_is_the_pose_at_the_end_of_the_path(rng):
-    geometry = Geometry(BODIES, (HalfPlane((0.1, -9.0), (0.3, 1)),))
-    q, velocity, curvature = rng.normal(size=(3, 9))
-    h = 0.3
-    found = arrival(geometry, q, velocity, curvature, h, np.zeros((0, 3), np.int64))
-    end = q + h * (velocity + h * curvature)
-    pose = geometry.pose(end)
-    for one, twin in zip(found, (end, *pose), strict=False):
-        np.testing.assert_allclose(one, twin, **EXACT)
-    np.testing.assert_allclose(found[5], geometry.clearance(pose, *pairs(geometry)), **EXACT)
-    assert found[6] == pytest.approx(largest_motion(np.zeros(9), end, geometry.radius))
-
-
-@pytest.mark.parametrize(
-    ("speed", "hits"), [(-1.0, False), (-1.99, False), (-2.01, True), (0.0, False)]
-)
-def test_an_arrival_tells_of_what_may_be_hit(speed, hits):
-    """A box 0.2 above the ground falls for 0.1 s."""
-    geometry = Geometry(BODIES[:1], (HalfPlane(),))
-    q, velocity = np.array([0.0, 0.7, 0.0]), np.array([0.0, speed, 0.0])
-    none = np.zeros((0, 3), np.int64)
-    assert arrival(geometry, q, velocity, np.zeros(3), 0.1, none)[7] == hits
-    assert not arrival(geometry, q, velocity, np.zeros(3), 0.1, none, level=-1.0)[7]
-
-
-def test_an_arrival_tells_of_a_dip_on_the_way():
-    """Down and up again within the step: at the end the box is where it was."""
-    geometry = Geometry(BODIES[:1], (HalfPlane(),))
-    q, velocity = np.array([0.0, 0.7, 0.0]), np.array([0.0, -10.0, 0.0])
-    none = np.zeros((0, 3), np.int64)
-    assert arrival(geometry, q, velocity, -velocity / 0.1, 0.1, none)[7]
-    assert not arrival(geometry, q, 0.5 * velocity, -0.5 * velocity / 0.1, 0.1, none)[7]
 
 
 def test_a_gap_that_is_negative_from_the_start_must_close_further():
@@ -172,12 +117,3 @@ def test_what_comes_near_enough_is_no_miss():
     found = miss(before, after, 2.0)
     np.testing.assert_array_equal(found, [False, False, False, True])
     assert [miss(*gaps, 2.0) for gaps in zip(before, after, strict=True)] == found.tolist()
-
-
-@pytest.mark.parametrize("shift", [0.0, 0.75, 0.76, -0.75, -0.76])
-def test_an_arrival_tells_of_corners_beyond_their_edge(shift):
-    """The lower left corner of a box, from the middle of the upper edge of another, 1.5 long."""
-    geometry = Geometry((box(1.5, 1.0), box(1.0, 1.0)), ())
-    q, velocity = np.array([0.0, 0.5, 0, 0.5, 1.5, 0]), np.array([0, 0, 0, shift, 0, 0])
-    found = arrival(geometry, q, velocity, np.zeros(6), 1.0, np.array([[4, 0, 2]]))
-    assert found[8] == (abs(shift) > 0.75 * (1 + END_SLACK))

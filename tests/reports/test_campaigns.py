@@ -49,14 +49,14 @@ def results_of(rows: pd.DataFrame, recordings: Any = None) -> Results:
 
 def test_campaign_rows_stay_out_of_the_study() -> None:
     rows = make_rows(
-        solvers=("lotstedt", "osqp", "osqp[residual]"),
+        solvers=("glambda", "osqp", "osqp[residual]"),
         settings=("high", "1e-6", "1e-3"),
         arms=("cold", "warm", "exact"),
         after_restart=False,
         repeats=3,
     )
     results = results_of(rows)
-    assert set(results.rows["solver"]) == {"lotstedt", "osqp"}
+    assert set(results.rows["solver"]) == {"glambda", "osqp"}
     assert set(results.rows["arm"]) == {"cold", "warm"}
     assert results.settings == ["high"]
     assert len(results.everything) == len(rows)
@@ -79,7 +79,7 @@ def test_numbers_follow_names_the_least_first() -> None:
 def test_forms_by_name() -> None:
     assert form_of("clarabel[residual]") == "residual"
     assert form_of("clarabel") is None
-    assert form_of("lotstedt[old_r]") is None
+    assert form_of("lotstedt") is None
     assert {form_of(name) for name in form_variants()} == {"normal", "residual", "velocity"}
     for name in form_variants():
         assert solver_class(name).form == "normal"  # "the adapters' own choice" in the table
@@ -122,7 +122,7 @@ def start_rows(**changes: Any) -> pd.DataFrame:
         return 1e-5 * SPEED[arm] * (1 + 0.1 * i)
 
     rows = make_rows(
-        solvers=("lotstedt", "osqp"), arms=arms, settings=("high",), runtime=runtime,
+        solvers=("glambda", "osqp"), arms=arms, settings=("high",), runtime=runtime,
         **{"repeats": 3, "after_restart": False, **changes},
     )  # fmt: skip
     rows["warm_started"] = rows["arm"] != "cold"
@@ -130,7 +130,7 @@ def start_rows(**changes: Any) -> pd.DataFrame:
 
 
 def test_every_arm_has_its_place() -> None:
-    assert {*ORDER, "cold"} == set(EVERY_ARM)
+    assert {*ORDER, "cold", "kept"} == set(EVERY_ARM)
 
 
 def test_ratios_are_those_to_the_own_cold_twin() -> None:
@@ -173,11 +173,11 @@ def test_the_answer_tells_memory_spoilt_starts_and_the_check() -> None:
     assert (
         "0.200 from the right answer, 0.500 from its own last answer and 2.00 from a spoilt" in text
     )
-    assert "this many times as long: lotstedt (3.00) and osqp (3.00)" in text
-    assert "To lotstedt and osqp memory is worth more" in text
+    assert "this many times as long: glambda (3.00) and osqp (3.00)" in text
+    assert "To glambda and osqp memory is worth more" in text
     assert "From a spoilt start 2 of 2 are slower than cold" in text
-    assert "change by lotstedt (1.80) and osqp (1.80)" in text
-    assert "less than cold for lotstedt (0.900) and osqp (0.900)" in text
+    assert "change by glambda (1.80) and osqp (1.80)" in text
+    assert "less than cold for glambda (0.900) and osqp (0.900)" in text
 
 
 def test_without_such_arms_there_is_no_section() -> None:
@@ -277,9 +277,9 @@ def test_conditions_are_known_by_problem() -> None:
 
 
 def sweep(**changes: Any) -> Results:
-    """lotstedt: exact at 10 µs; osqp: 5 µs at 1e-3 and 50 µs at 1e-9; daqp: never good."""
-    speed = {"lotstedt": (10, 10), "osqp": (5, 50), "daqp": (7, 8)}
-    error = {"lotstedt": (1e-15, 1e-15), "osqp": (1e-3, 1e-9), "daqp": (1e-1, 1e-2)}
+    """glambda: exact at 10 µs; osqp: 5 µs at 1e-3 and 50 µs at 1e-9; daqp: never good."""
+    speed = {"glambda": (10, 10), "osqp": (5, 50), "daqp": (7, 8)}
+    error = {"glambda": (1e-15, 1e-15), "osqp": (1e-3, 1e-9), "daqp": (1e-1, 1e-2)}
 
     def runtime(scene: str, solver: str, setting: str, arm: str, i: int) -> float:
         return 1e-6 * speed[solver][setting == "1e-9"]
@@ -297,7 +297,7 @@ def sweep(**changes: Any) -> Results:
 def test_points_are_times_and_errors_in_order() -> None:
     results = sweep()
     points = pareto_points(sweep_rows(results), ALL, "cold")
-    assert points["solver"].tolist() == ["lotstedt"] * 2 + ["daqp"] * 2 + ["osqp"] * 2
+    assert points["solver"].tolist() == ["glambda"] * 2 + ["daqp"] * 2 + ["osqp"] * 2
     assert points["asked"].tolist() == ["1e-9", "1e-3"] * 3
     osqp = points[points["solver"] == "osqp"].set_index("asked")
     assert osqp.loc["1e-9", "time"] == pytest.approx(50e-6)
@@ -305,11 +305,11 @@ def test_points_are_times_and_errors_in_order() -> None:
     front = points[points["front"]]
     assert set(zip(front["solver"], front["asked"], strict=True)) == {
         ("osqp", "1e-3"),
-        ("lotstedt", "1e-9"),
-        ("lotstedt", "1e-3"),
+        ("glambda", "1e-9"),
+        ("glambda", "1e-3"),
     }
     assert fastest_for(points, 1e-3)["solver"] == "osqp"
-    assert fastest_for(points, 1e-6)["solver"] == "lotstedt"
+    assert fastest_for(points, 1e-6)["solver"] == "glambda"
     assert fastest_for(points, 1e-16) is None
 
 
@@ -340,9 +340,9 @@ def test_what_accuracy_costs_in_words_and_pictures(tmp_path: Path) -> None:
     answer = pareto_answer(results)
     text = " ".join(answer.sentences)
     assert answer.figure == "2" and "of 3 solvers" in answer.caption
-    assert "(warm, all scenes) stand lotstedt and osqp" in text
-    assert "For 1.0e-03 osqp is the fastest, 5.00 µs, then lotstedt (10.0 µs)" in text
-    assert "For 1.0e-12 lotstedt is the fastest, 10.0 µs; nobody else reaches it" in text
+    assert "(warm, all scenes) stand glambda and osqp" in text
+    assert "For 1.0e-03 osqp is the fastest, 5.00 µs, then glambda (10.0 µs)" in text
+    assert "For 1.0e-12 glambda is the fastest, 10.0 µs; nobody else reaches it" in text
     assert "It more than doubles for osqp (10.0)" in text
     assert "Asked for 1e-9, daqp does not come within ten times of it" in text
     assert [table.key for table in pareto_tables(results)] == [{"arm": "cold"}, {"arm": "warm"}]

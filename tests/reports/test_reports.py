@@ -46,7 +46,7 @@ SCENES = ("fig2", "fig4")
 
 def make_rows(
     scenes=SCENES,
-    solvers=("lotstedt", "daqp", "osqp"),
+    solvers=("glambda", "daqp", "osqp"),
     settings=("paper",),
     arms=("cold", "warm"),
     qps=10,
@@ -67,7 +67,7 @@ def make_rows(
                     for i in range(qps):
                         key = (scene, solver, setting, arm, i)
                         word = verdict(*key) if verdict else "verified"
-                        own = solver.startswith("lotstedt")
+                        own = solver.startswith(("glambda", "lotstedt"))
                         row = {
                             "problem": f"{scene}/{i:06d}",
                             "solver": solver,
@@ -94,6 +94,8 @@ def make_rows(
                             "setup_time": 1e-6,
                             "solve_time": 9e-6,
                             "call_time": 30e-6,
+                            "charged_time": 0.0,
+                            "believed": True,
                             "runtime_median": 11e-6,
                             "iterations": 1 if arm == "warm" else 4,
                             "descent_directions": (1 if arm == "warm" else 4) if own else 0,
@@ -168,17 +170,17 @@ def make_recording(scene="fig2", bodies=2, steps=40, **parameters):
 
 @pytest.fixture(scope="module")
 def study():
-    """Two scenes with recordings; lotstedt, a variant and two others."""
+    """Two scenes with recordings; glambda, a variant and two others."""
 
     def runtime(scene, solver, setting, arm, i):
-        base = {"lotstedt": 40e-6, "lotstedt[exact_qr]": 60e-6, "daqp": 4e-6, "osqp": 20e-6}
+        base = {"glambda": 40e-6, "lotstedt[exact_qr]": 60e-6, "daqp": 4e-6, "osqp": 20e-6}
         return base[solver] * (0.5 if arm == "warm" else 1.0) * (1 + 0.01 * i)
 
     def verdict(scene, solver, setting, arm, i):
         return "claimed_wrong" if solver == "osqp" and i == 7 else "verified"
 
     rows = make_rows(
-        solvers=("lotstedt", "lotstedt[exact_qr]", "daqp", "osqp"),
+        solvers=("glambda", "lotstedt[exact_qr]", "daqp", "osqp"),
         settings=("paper", "high"),
         runtime=runtime,
         verdict=verdict,
@@ -217,12 +219,12 @@ def test_a_wrong_answer_cannot_be_the_best():
     rows = make_rows(
         scenes=("fig2",),
         arms=("cold",),
-        runtime=lambda scene, solver, *rest: {"lotstedt": 8e-6, "daqp": 4e-6, "osqp": 1e-6}[solver],
+        runtime=lambda scene, solver, *rest: {"glambda": 8e-6, "daqp": 4e-6, "osqp": 1e-6}[solver],
         verdict=lambda *key: "inaccurate" if key[1] == "osqp" and key[-1] == 1 else "verified",
     )
     summary = compare(prepare(rows), "fig2", "paper", "cold").summary()
     assert summary.index[summary["best"]].tolist() == ["daqp"]
-    assert summary["ratio"].to_dict() == {"lotstedt": 2.0, "daqp": 1.0, "osqp": 0.25}
+    assert summary["ratio"].to_dict() == {"glambda": 2.0, "daqp": 1.0, "osqp": 0.25}
 
 
 def test_common_set_is_what_no_compared_run_skipped():
@@ -237,7 +239,7 @@ def test_common_set_is_what_no_compared_run_skipped():
     assert comparison.left_out == ()
     assert comparison.rows.groupby("solver").size().to_dict() == {
         "daqp": 18,
-        "lotstedt": 18,
+        "glambda": 18,
         "osqp": 18,
     }
 
@@ -268,7 +270,7 @@ def test_without_a_warm_arm_a_backend_stands_with_its_cold_one():
     rows = rows[(rows["solver"] != "osqp") | (rows["arm"] == "cold")]
     comparison = compare(prepare(rows), "fig2", "paper", "warm")
     assert comparison.without_warm == ("osqp",)
-    assert comparison.solvers == ["lotstedt", "daqp", "osqp"]
+    assert comparison.solvers == ["glambda", "daqp", "osqp"]
     data = cost_table(results_of(rows), "paper").data.set_index("solver")
     assert data.loc["osqp", "warm start"] == "no"
 
@@ -278,7 +280,7 @@ def test_machines_do_not_mix_in_a_ratio():
     rows.loc[rows["solver"] == "osqp", "machine"] = "another"
     comparison = compare(prepare(rows), "fig2", "paper", "cold")
     assert comparison.machines == ("one machine", "another")
-    assert comparison.solvers == ["lotstedt", "daqp"]
+    assert comparison.solvers == ["glambda", "daqp"]
 
 
 # Tables
@@ -286,31 +288,31 @@ def test_machines_do_not_mix_in_a_ratio():
 
 def test_cost_table_numbers_and_losses():
     def runtime(scene, solver, setting, arm, i):
-        return {"lotstedt": 31e-6, "daqp": 10e-6, "osqp": 20e-6}[solver]
+        return {"glambda": 31e-6, "daqp": 10e-6, "osqp": 20e-6}[solver]
 
     table = cost_table(results_of(make_rows(scenes=("fig3",), runtime=runtime)), "paper")
     data = table.data.set_index("solver")
-    assert data["cold ÷ best"].round(12).to_dict() == {"lotstedt": 3.1, "daqp": 1.0, "osqp": 2.0}
+    assert data["cold ÷ best"].round(12).to_dict() == {"glambda": 3.1, "daqp": 1.0, "osqp": 2.0}
     assert (
-        "On fig3 (cold, paper) daqp is 3.10× faster than lotstedt (10.0 µs against 31.0 µs)."
+        "On fig3 (cold, paper) daqp is 3.10× faster than glambda (10.0 µs against 31.0 µs)."
         in table.notes
     )
     assert "shift 1 µs" in table.reading and "charged 1 s" in table.reading
 
 
 def test_no_loss_is_claimed_where_the_method_wins():
-    rows = prepare(make_rows(runtime=lambda *key: 1e-6 if key[1] == "lotstedt" else 2e-6))
+    rows = prepare(make_rows(runtime=lambda *key: 1e-6 if key[1] == "glambda" else 2e-6))
     assert losses(compare(rows, "fig2", "paper", "warm")) == []
 
 
 def test_a_method_that_misses_says_so():
     rows = make_rows(
-        verdict=lambda *key: "failed" if key[1] == "lotstedt" and key[-1] == 2 else "verified"
+        verdict=lambda *key: "failed" if key[1] == "glambda" and key[-1] == 2 else "verified"
     )
     said = losses(compare(prepare(rows), "fig2", "paper", "cold"))
-    assert said == ["On fig2 (cold, paper) lotstedt is not verified on 1 of 10 QPs."]
+    assert said == ["On fig2 (cold, paper) glambda is not verified on 1 of 10 QPs."]
     notes = accuracy_table(results_of(rows), "paper").notes
-    assert notes[0] == "On fig2 lotstedt misses 2 of 20 solves."
+    assert notes[0] == "On fig2 glambda misses 2 of 20 solves."
 
 
 def test_accuracy_table_counts(study):
@@ -319,8 +321,8 @@ def test_accuracy_table_counts(study):
     assert (osqp["solves"], osqp["misses"], osqp["claimed wrong"]) == (20, 2, 2)
     assert osqp["verified"] == 0.9
     assert (osqp["Gλ error, median"], osqp["Gλ error, max"]) == (1e-13, 1e-3)
-    assert data.loc[("fig4", "lotstedt"), "misses"] == 0
-    assert next(iter(data.index)) == ("fig2", "lotstedt")
+    assert data.loc[("fig4", "glambda"), "misses"] == 0
+    assert next(iter(data.index)) == ("fig2", "glambda")
 
 
 def test_verified_table_has_a_column_per_scene(study):
@@ -331,7 +333,7 @@ def test_verified_table_has_a_column_per_scene(study):
 
 def test_warm_table_leaves_out_what_was_not_started_warm(study):
     data = warm_table(study, "paper").data.set_index(["scene", "solver"])
-    own = data.loc[("fig2", "lotstedt")]
+    own = data.loc[("fig2", "glambda")]
     # 10 QPs less the first, the impulse and the one that follows the restart
     assert own["QPs"] == own["pairs"] == 7
     assert own["iteration ratio"] == 0.25
@@ -347,7 +349,7 @@ def test_spread_table_has_the_quartiles_the_passes_and_the_range_of_the_ratio():
 
     rows = make_rows(runtime=runtime)
     rows["runtime_median"] = 1.25 * rows["runtime"]
-    rows = rows[rows["solver"].isin(["lotstedt", "daqp"])]
+    rows = rows[rows["solver"].isin(["glambda", "daqp"])]
     table = spread_table(results_of(rows), "paper")
     row = table.data.set_index(["scene", "arm", "solver"]).loc[("fig2", "warm", "daqp")]
     # ten QPs of 2, 4, … 20 µs
@@ -363,7 +365,7 @@ def test_the_range_of_a_warm_ratio_holds_it():
         qps=60, runtime=lambda *key: 1e-6 * (1 + key[4] % 3) if key[3] == "warm" else 2e-6
     )
     row = warm_table(results_of(rows), "paper").data.set_index(["scene", "solver"])
-    own = row.loc[("fig2", "lotstedt")]
+    own = row.loc[("fig2", "glambda")]
     assert own["from"] < own["time ratio"] < own["to"]
     started = [i for i in range(60) if i not in (0, 3, 4)]
     expected = np.exp(np.mean([np.log((1 + i % 3) / 2) for i in started]))
@@ -378,8 +380,8 @@ def test_a_time_too_short_for_the_clock_is_no_ratio():
 def test_a_warm_start_that_costs_is_called_so():
     rows = make_rows(runtime=lambda *key: 3e-6 if key[3] == "warm" else 2e-6)
     notes = warm_table(results_of(rows), "paper").notes
-    assert notes[0].startswith("On fig2 a warm start makes lotstedt slower: 1.50×")
-    said = "On fig2 (paper) a warm start makes lotstedt slower: 1.50× its cold time."
+    assert notes[0].startswith("On fig2 a warm start makes glambda slower: 1.50×")
+    said = "On fig2 (paper) a warm start makes glambda slower: 1.50× its cold time."
     assert said in unflattering(results_of(rows))
 
 
@@ -453,14 +455,14 @@ def test_what_nobody_solved_counts_against_all():
 
 
 def test_headlines_follow_the_data():
-    slow = results_of(make_rows(runtime=lambda *key: 20e-6 if key[1] == "lotstedt" else 10e-6))
+    slow = results_of(make_rows(runtime=lambda *key: 20e-6 if key[1] == "glambda" else 10e-6))
     answer = which_method(slow)
     assert answer.caption == "daqp" and answer.figure == "10.0 µs"
     assert "loses on fig2 and fig4" in " ".join(answer.sentences)
     assert "2.00 times as much, and stands 3rd of the 3" in " ".join(answer.sentences)
-    fast = results_of(make_rows(runtime=lambda *key: 5e-6 if key[1] == "lotstedt" else 10e-6))
+    fast = results_of(make_rows(runtime=lambda *key: 5e-6 if key[1] == "glambda" else 10e-6))
     answer = which_method(fast)
-    assert answer.caption == "lotstedt"
+    assert answer.caption == "glambda"
     assert "the fastest on fig2 and fig4" in " ".join(answer.sentences)
     assert "loses" not in " ".join(answer.sentences)
 
@@ -474,7 +476,7 @@ def test_accuracy_headline_names_who_misses(study):
 
 def test_warm_headline(study):
     answer = warm_start_worth(study)
-    assert answer.caption == "the cold time of lotstedt"
+    assert answer.caption == "the cold time of glambda"
     assert "100 % of them take at most one descent direction, 0 % when cold" in answer.sentences[0]
 
 
@@ -493,7 +495,24 @@ def test_criterion_tables(study):
     assert other.loc[("fig2", "lotstedt[exact_qr]"), "time ratio"] == pytest.approx(1.5)
     assert other.loc[("fig2", "daqp"), "time ratio"] == pytest.approx(0.1)
     assert np.isnan(other.loc[("fig2", "daqp"), "flops per QP"])
-    assert "conjugate gradient iterations" in criterion_answer(study).caption
+    assert criterion_answer(study) is None  # nobody keeps R at every size
+
+
+def test_when_to_refactorize_is_told_in_two_sentences():
+    solvers = ("glambda", "lotstedt", "lotstedt[deferred]")
+    rows = make_rows(solvers=solvers)
+    rows.loc[rows["solver"] == "glambda", "cg_iterations"] = 0
+    for solver, flops in zip(solvers, (600, 1200, 900), strict=True):
+        rows.loc[rows["solver"] == solver, "flops"] = flops
+    answer = criterion_answer(results_of(rows))
+    whether, when = answer.sentences
+    assert whether.startswith("Do not keep R on QPs like those of fig2 and fig4: glambda, which")
+    assert "0.667 times the operations of lotstedt[deferred]" in whether
+    assert "factorize at the next QP where a direction took more iterations" in when
+    assert "lotstedt does 1.33 times its operations" in when
+    assert answer.figure == "at every QP" and answer.caption.startswith("by glambda")
+    rows.loc[rows["solver"] == "glambda", "flops"] = 1800
+    assert criterion_answer(results_of(rows)).sentences[0].startswith("Keep R on QPs like")
 
 
 # Reading results
@@ -523,7 +542,7 @@ def test_a_real_folder_from_recording_to_page(tmp_path):
     from harness.study.replay import replay
 
     recording = make_recording("fig2")
-    replay(recording, ["lotstedt", "scipy_bvls"], results=tmp_path / "results", repeats=1)
+    replay(recording, ["glambda", "scipy_bvls"], results=tmp_path / "results", repeats=1)
     results = load_results(tmp_path / "results")
     assert results.scenes == ["fig2"]
     assert results.missing == ()
@@ -531,7 +550,7 @@ def test_a_real_folder_from_recording_to_page(tmp_path):
     page = write_report(tmp_path / "results", tmp_path / "out")
     assert "2 of 2" in page.read_text(encoding="utf-8")
     table = warm_table(results, "paper").data
-    assert table.set_index("solver").loc["lotstedt", "QPs"] == 7
+    assert table.set_index("solver").loc["glambda", "QPs"] == 7
 
 
 def test_solves_of_another_recording_than_the_stored_one_are_refused(tmp_path):
@@ -710,7 +729,7 @@ def test_page_of_recordings_alone(tmp_path):
         {"arms": ("cold",)},
         {"arms": ("warm",)},
         {"solvers": ("daqp", "osqp")},
-        {"solvers": ("lotstedt",)},
+        {"solvers": ("glambda",)},
         {"settings": ("high",), "scenes": ("fig3",)},
         {"verdict": lambda *key: "skipped"},
         {"verdict": lambda *key: "failed", "glambda_error": np.nan, "eps0_ratio": np.nan},
@@ -743,11 +762,11 @@ def test_page_where_nobody_was_swept_on_every_scene(tmp_path):
 
 def test_a_win_is_claimed_for_what_was_compared_only():
     rows = make_rows(scenes=("fig2",), arms=("cold",))
-    rows.loc[rows["solver"] == "lotstedt", "runtime"] = 1e-9
+    rows.loc[rows["solver"] == "glambda", "runtime"] = 1e-9
     (said,) = unflattering(results_of(rows))
     assert "in which it stood against others (1)" in said
-    assert unflattering(results_of(make_rows(solvers=("lotstedt",)))) == [
-        "lotstedt was compared with nobody else."
+    assert unflattering(results_of(make_rows(solvers=("glambda",)))) == [
+        "glambda was compared with nobody else."
     ]
 
 
@@ -766,7 +785,7 @@ def test_commands_to_reproduce(study):
     cut = {"run.until": 1.0, "end_time": 15.0}
     assert record_command("fig4,mu_I=0.8", cut) == f"{command} --until 1 -o recordings"
     held = {"eps": 1e-3, "run.eps": 1e-3, "run.drop_tol": 1e-3, "run.fixed_step": 0.005}
-    held |= {"run.stops": "held", "run.order": 1, "run.solver": "lotstedt"}
+    held |= {"run.stops": "held", "run.order": 1, "run.solver": "glambda"}
     assert record_command("fig4,friction=paper", held) == (
         "glambda record fig4 --fixed-step 0.005 --stops held --friction paper -o recordings"
         "  # from Python: order=1"
@@ -780,7 +799,7 @@ ODD = "fig4,x=$(touch y);'$z{\\frac"
 
 
 def test_commands_are_quoted_for_a_shell():
-    rows = make_rows(scenes=(ODD,), solvers=("lotstedt", "a b"), settings=("pa;per",))
+    rows = make_rows(scenes=(ODD,), solvers=("glambda", "a b"), settings=("pa;per",))
     text = reproduce(
         results_of(rows, {ODD: make_recording(ODD, **{"run.note": "a\nrm b", "run.eps": []})})
     )
@@ -788,7 +807,7 @@ def test_commands_are_quoted_for_a_shell():
         words = shlex.split(line, comments=True)
         assert words[0] == "glambda" and words[1] in ("record", "replay", "report"), line
     words = shlex.split(text.replace("\\\n", ""), comments=True)
-    assert {"x=$(touch y);'$z{\\frac", f"recordings/{ODD}.h5", "pa;per", "lotstedt,a b"} <= {*words}
+    assert {"x=$(touch y);'$z{\\frac", f"recordings/{ODD}.h5", "pa;per", "glambda,a b"} <= {*words}
     told = record_command("a;b,condition=1;c", {})
     assert shlex.split(told) == [
         *("glambda", "stretch", "recordings/a;b.h5", "--condition", "1;c", "-o", "recordings")
@@ -797,7 +816,7 @@ def test_commands_are_quoted_for_a_shell():
 
 def test_names_are_drawn_as_they_are_and_obeyed_nowhere(tmp_path):
     """A $ begins mathematics in Matplotlib, unless it is told not to."""
-    rows = make_rows(scenes=(ODD,), solvers=("lotstedt", "$\\frac{", "daqp"))
+    rows = make_rows(scenes=(ODD,), solvers=("glambda", "$\\frac{", "daqp"))
     rows["versions"] = "\x1b[31m1.0\u202e"
     page = report(results_of(rows, {ODD: make_recording(ODD)}), tmp_path)
     for path in (page, tmp_path / "findings.md", *tmp_path.glob("tables/*")):
@@ -821,13 +840,13 @@ def test_powers_on_logarithmic_axes_are_written_in_letters(tmp_path):
 
 
 def test_campaigns_have_their_commands():
-    rows = make_rows(scenes=("fig2", "fig4,condition=1e4"), solvers=("lotstedt", "osqp"))
+    rows = make_rows(scenes=("fig2", "fig4,condition=1e4"), solvers=("glambda", "osqp"))
     study, aside = rows[rows["scene"] == "fig2"], rows[rows["scene"] != "fig2"]
     campaigns = pd.concat([aside.assign(settings="1e-6"), study.assign(arm="exact")])
     made = replace(results_of(study), campaigns=prepare(campaigns.drop_duplicates(KEY)))
     text = reproduce(made)
     assert "glambda stretch recordings/fig4.h5 --condition 1e4" in text
-    assert "glambda replay recordings/fig2.h5 --solvers lotstedt,osqp" in text
+    assert "glambda replay recordings/fig2.h5 --solvers glambda,osqp" in text
     assert "--settings paper --arms exact -o results" in text
     assert "--settings 1e-6 --arms cold,warm -o results" in text
 

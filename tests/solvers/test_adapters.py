@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from problems.qp import AT_LOWER, FREE, ContactQP, Solution, Status
-from solvers.adapters.package import Native, Outcome, PackageSolver
-from solvers.adapters.posed import Posed, pose
+from solvers.adapters.package import Native, Outcome, PackageSolver, dual_units
+from solvers.adapters.posed import LONG, Posed, Units, pose
 from solvers.base import Solver, Unsupported
 from solvers.registry import describe, make_solver, solver_names
 from tests.fakes.assertions import assert_kkt, assert_same_force, force_scale
 from tests.fakes.random_qps import KINDS, Case, contact_sequence, random_qp
 
-ACCURATE = ("lotstedt", "velocity", "enumeration", "scipy_bvls", "daqp", "quadprog")
+ACCURATE = ("glambda", "lotstedt", "velocity", "enumeration", "scipy_bvls", "daqp", "quadprog")
 """Backends that must have A x to 1e-9 of the force, always."""
 
 ASKED = 1e-9
@@ -43,7 +43,7 @@ EXPECTED_MISSES: dict[tuple[str, str], tuple[float, str]] = {
 }
 """(backend, kind) → the error that is allowed instead, and why."""
 
-OURS = ("lotstedt", "velocity", "enumeration", "pgs")
+OURS = ("glambda", "lotstedt", "velocity", "enumeration", "pgs")
 """Backends whose answers are the same bit for bit in one process.  Packages may round by where
 their memory lies: ProxQP does."""
 
@@ -53,6 +53,16 @@ UNSUPPORTED = {
 }
 """(backend, kind) → why some QPs, or all, may be declined."""
 
+PARTIAL = {
+    "scipy_nnls": ("full_rank", "rank_deficient", "upper_only", "fixed_rows", "wide", "zero_column",
+                   "badly_scaled", "sparse_columns", "contact_redundant"),
+    "nncg": ("full_rank", "degenerate", "fixed_rows", "badly_scaled", "sparse_columns"),
+    "qrqp": ("bilateral", "two_sided", "upper_only", "fixed_rows"),
+}  # fmt: skip
+"""Backends that some QPs are beyond → the kinds that they must solve.  nnls takes x ≥ 0 alone, and
+SciPy's sometimes ends early on degenerate rows; nncg wants x ≥ 0 and P definite; qrqp goes
+astray now and then."""
+
 VARIANTS = [
     *(f"cvxpy[{name}]" for name in ("osqp", "clarabel", "scs", "piqp", "proxqp", "daqp", "highs")),
     *(f"qpsolvers[{name}]" for name in ("proxqp", "clarabel", "osqp", "scs", "piqp", "daqp")),
@@ -60,7 +70,7 @@ VARIANTS = [
 ]
 
 
-@pytest.fixture(params=solver_names())
+@pytest.fixture(params=[name for name in solver_names() if name not in PARTIAL])
 def name(request: pytest.FixtureRequest) -> str:
     """Name of an installed backend; absent ones are skipped with the reason."""
     return installed(request.param)
@@ -117,6 +127,49 @@ def check_declined(name: str, kind: str) -> None:
     assert declined, "no longer declined; strike it from UNSUPPORTED"
 
 
+@pytest.mark.parametrize("name", PARTIAL)
+def test_a_backend_that_takes_some_qps_solves_those(name: str, capfd: pytest.CaptureFixture[str]):
+    """Cold, warm after changes, and without a word."""
+    installed(name)
+    for kind in PARTIAL[name]:
+        for original, Ax_star in cases(kind):
+            before = [array.tobytes() for array in (original.d, original.lower, original.upper)]
+            last = ask(name, original).solve(original)
+            assert last.found, (kind, last.status_text)
+            assert_same_force(original, last.x, Ax_star, 1e-9)
+            qp = original
+            for step in (1,) if name == "qrqp" else (1, 2, 4):
+                qp = changed(qp, step)
+                if kind in ("full_rank", "two_sided", "fixed_rows"):
+                    last = ask(name, qp).solve(qp, last)
+                    right = ask("velocity", qp).solve(qp)
+                    assert_same_force(qp, last.x, qp.A @ right.x, 1e-9)
+            assert before == [a.tobytes() for a in (original.d, original.lower, original.upper)]
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "reason"),
+    [
+        ("scipy_nnls", "two_sided", "row 1 has two bounds"),
+        ("scipy_nnls", "bilateral", "row 0 has no bound"),
+        ("nncg", "two_sided", "no other bound"),
+        ("nncg", "wide", "A has 7 rows for 12 columns"),
+    ],
+)
+def test_what_cannot_be_posed_is_declined(name: str, kind: str, reason: str):
+    qp, _ = random_qp(kind, 0)
+    with pytest.raises(Unsupported, match=reason):
+        ask(installed(name), qp).solve(qp)
+
+
+def test_nncg_does_not_claim_an_answer_where_P_is_singular():
+    for qp, Ax_star in cases("rank_deficient"):
+        solution = ask(installed("nncg"), qp).solve(qp)
+        if solution.found:
+            assert_same_force(qp, solution.x, Ax_star, 1e-9)
+
+
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize(
     "kind", ["full_rank", "two_sided", "bilateral", "fixed_rows", "upper_only"]
@@ -167,7 +220,7 @@ def test_rounding_is_no_way_down_for_daqp(form: str, kind: str):
             continue
         assert solution.status is Status.SOLVED, (seed, solution.status_text)
         assert solution.iterations < 1000
-        exact = make_solver("lotstedt", accuracy=1e-12).solve(qp)
+        exact = make_solver("glambda", accuracy=1e-12).solve(qp)
         assert_kkt(qp, exact.x, 1e-9)
         assert_same_force(qp, solution.x, qp.A @ exact.x, 1e-9 if kind == "fan" else 1e-8)
 
@@ -200,7 +253,7 @@ def test_a_bound_that_was_reached_may_be_gone(name: str):
             assert_same_force(freed, solution.x, freed.A @ cold.x, tolerance(name))
 
 
-@pytest.mark.parametrize("name", ["lotstedt", "velocity", "daqp", "enumeration"])
+@pytest.mark.parametrize("name", ["glambda", "velocity", "daqp", "enumeration"])
 def test_a_warm_start_from_the_answer_costs_least(name: str):
     for kind in ("full_rank", "two_sided", "contact_small"):
         for qp, _ in cases(kind):
@@ -239,7 +292,7 @@ def test_an_updated_solver_answers_as_a_fresh_one(name: str, kind: str):
             assert_same_force(qp, updated.x, qp.A @ reference.x, tolerance(name))
 
 
-@pytest.mark.parametrize("name", ["daqp", "osqp", "proxqp", "clarabel", "piqp", "highs"])
+@pytest.mark.parametrize("name", ["osqp", "proxqp", "clarabel", "piqp", "highs"])
 def test_the_native_object_is_kept_while_the_rows_stay(name: str):
     installed(name)
     sequence = [qp for qp, _ in contact_sequence(0)]
@@ -450,13 +503,15 @@ def test_posing_only_multiplies_by_powers_of_two():
             posed = pose(qp)
             free = qp.lower < qp.upper
             assert posed.n == free.sum()
-            assert np.frexp(posed.unit)[0].tolist() == [0.5] * posed.n
             lengths = np.linalg.norm(posed.dense, axis=0)
-            assert (((lengths >= 1 - 1e-15) & (lengths < 2)) | (lengths == 0)).all()
+            assert (((lengths >= 1 / LONG) & (lengths <= LONG)) | (lengths == 0)).all()
+            units = posed.units or Units(np.arange(qp.k), np.ones(qp.k), 1.0, np.zeros(qp.k))
+            assert np.frexp(units.unit)[0].tolist() == [0.5] * posed.n
+            assert np.abs(posed.q).max(initial=1e-3) <= 1e6
             x = np.where(free, 0.5, qp.lower)
-            np.testing.assert_array_equal(posed.restore(0.5 / posed.unit), x)
+            np.testing.assert_array_equal(posed.restore(0.5 / units.unit), x)
             # r̂ = r / force, up to rounding in the elimination of fixed rows
-            r = posed.force * (posed.A @ (x[free] / posed.unit) + posed.d)
+            r = units.force * (posed.A @ (x[free] / units.unit) + posed.d)
             np.testing.assert_allclose(r, qp.residual(x), atol=1e-13 * (1 + np.abs(qp.d).max()))
 
 
@@ -467,7 +522,7 @@ def test_multipliers_are_carried_in_todays_scale(name: str):
     solver = ask(installed(name), qp)
     cold = solver.solve(qp)
     posed = cold.memory.native.posed
-    gradient = cold.memory.duals * posed.force**2 / posed.unit
+    gradient = cold.memory.duals * dual_units(posed)
     np.testing.assert_allclose(gradient, -qp.gradient(cold.x), atol=1e-7 * np.abs(qp.d).max())
     large = replace(qp, d=1e6 * qp.d, lower=1e6 * qp.lower, upper=1e6 * qp.upper)
     start = replace(cold, x=1e6 * cold.x, memory=cold.memory)

@@ -23,9 +23,9 @@ from scipy.optimize import isotonic_regression, linprog
 from harness.judging.oracle import reference
 from problems.qp import AT_LOWER, AT_UPPER, FREE, PASSIVE, ContactQP, Solution, Status, Vector
 from solvers import make_solver
-from solvers.active_set.method import VARIANTS
 from tests.fakes.assertions import force_scale
 from tests.fakes.cycling_programs import PROGRAMS, cycle
+from tests.fakes.methods import METHODS
 from tests.fakes.optimality import assert_same, assert_solved
 
 INF = np.inf
@@ -101,12 +101,12 @@ def accuracy(qp: ContactQP) -> float:
     return 1e-9 * force_scale(qp)
 
 
-def run(qp: ContactQP, variant: str, start: Solution | None) -> Solution:
-    return make_solver("lotstedt", variant=variant, accuracy=accuracy(qp)).solve(qp, start)
+def run(qp: ContactQP, method: str, start: Solution | None) -> Solution:
+    return make_solver(method, accuracy=accuracy(qp)).solve(qp, start)
 
 
-def solved(qp: ContactQP, variant: str, start: Solution | None) -> Vector:
-    return assert_solved(qp, run(qp, variant, start), accuracy(qp))
+def solved(qp: ContactQP, method: str, start: Solution | None) -> Vector:
+    return assert_solved(qp, run(qp, method, start), accuracy(qp))
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
@@ -121,28 +121,28 @@ def test_the_programs_do_have_a_cycle(name: str) -> None:
     assert optimum <= value and (optimum < value or name in ("Hoffman 1953", "Solow 1984"))
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_optimality_conditions_are_met_from_every_basis_of_the_cycle(
-    name: str, variant: str
+    name: str, method: str
 ) -> None:
     """By duality the residual is 0; many x and s do it."""
     qp = optimality_conditions(name)
     for start in starts(name, qp, "conditions"):
-        x = solved(qp, variant, start)
+        x = solved(qp, method, start)
         assert np.linalg.norm(qp.residual(x)) <= 1e-8 * np.linalg.norm(qp.d)
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", PROGRAMS)
-def test_steepest_descent_from_the_vertex_of_the_cycle(name: str, variant: str) -> None:
+def test_steepest_descent_from_the_vertex_of_the_cycle(name: str, method: str) -> None:
     """p = r is feasible, and downhill unless the vertex is the optimum."""
     E, _, c, _ = PROGRAMS[name]
     qp = steepest_descent(name)
     oracle = reference(qp)
     assert oracle is not None
     for start in starts(name, qp, "descent"):
-        x = solved(qp, variant, start)
+        x = solved(qp, method, start)
         assert_same(qp, x, oracle.x, accuracy(qp))
         p = qp.residual(x)
         assert c @ p == pytest.approx(-(p @ p), abs=1e-7)
@@ -150,14 +150,14 @@ def test_steepest_descent_from_the_vertex_of_the_cycle(name: str, variant: str) 
 
 
 @pytest.mark.parametrize("weight", [1.0, 1e3])
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", PROGRAMS)
-def test_goal_out_of_reach(name: str, variant: str, weight: float) -> None:
+def test_goal_out_of_reach(name: str, method: str, weight: float) -> None:
     qp = goal(name, weight)
     oracle = reference(qp)
     assert oracle is not None
     for start in starts(name, qp, "goal"):
-        x = solved(qp, variant, start)
+        x = solved(qp, method, start)
         assert_same(qp, x, oracle.x, accuracy(qp))
 
 
@@ -189,9 +189,9 @@ BLOCK_PIVOTING = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("k", BLOCK_PIVOTING)
-def test_where_block_pivoting_cycles(k: int, variant: str) -> None:
+def test_where_block_pivoting_cycles(k: int, method: str) -> None:
     """Portugal, Júdice and Vicente 1994, Mathematics of Computation 63: exchanging all wrong rows
     of a non-negative least-squares problem at once may cycle, for independent columns, too."""
     A, d = BLOCK_PIVOTING[k]
@@ -201,7 +201,7 @@ def test_where_block_pivoting_cycles(k: int, variant: str) -> None:
     assert oracle is not None
     for members in product([AT_LOWER, FREE], repeat=k):
         free = [j for j in range(k) if members[j] == FREE]
-        x = solved(qp, variant, from_basis(qp, free, np.zeros(k)))
+        x = solved(qp, method, from_basis(qp, free, np.zeros(k)))
         assert_same(qp, x, oracle.x, accuracy(qp))
 
 
@@ -233,20 +233,20 @@ def test_least_index_pivoting_visits_every_set(k: int) -> None:
     assert least_index_pivots(fathi(k)) == 2**k - 1
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("k", [5, 12, 40])
-def test_where_least_index_pivoting_is_exponential(k: int, variant: str) -> None:
+def test_where_least_index_pivoting_is_exponential(k: int, method: str) -> None:
     """x = (0, …, 0, 1), in no more directions than two per row, whatever set is the start."""
     qp, expected = fathi(k), np.eye(k)[-1]
     for free in ([], [*range(k)], [*range(0, k, 2)], [*range(k - 1)]):
-        solution = run(qp, variant, from_basis(qp, free, np.zeros(k)))
+        solution = run(qp, method, from_basis(qp, free, np.zeros(k)))
         assert_same(qp, assert_solved(qp, solution, accuracy(qp)), expected, accuracy(qp))
         assert solution.work is not None and solution.work.descent_directions <= 2 * k
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("seed", range(4))
-def test_monotone_regression_of_counts(seed: int, variant: str) -> None:
+def test_monotone_regression_of_counts(seed: int, method: str) -> None:
     """The kind of problem on which SciPy's `nnls` went round for ever (scipy pull request 20168).
 
     x are the increments of a rate that never falls, fitted to small counts out of n trials: many
@@ -267,7 +267,7 @@ def test_monotone_regression_of_counts(seed: int, variant: str) -> None:
     qp = ContactQP(A, -root * rate, lower, np.full(k, INF))
     expected = np.diff(isotonic_regression(rate, weights=trials).x, prepend=0.0)
     for start in (None, from_basis(qp, [0], np.zeros(k)), from_basis(qp, [*range(k)], np.zeros(k))):
-        assert_same(qp, solved(qp, variant, start), expected, accuracy(qp))
+        assert_same(qp, solved(qp, method, start), expected, accuracy(qp))
 
 
 VERTICES = {
@@ -282,9 +282,9 @@ VERTICES = {
 }
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", VERTICES)
-def test_every_working_set_of_a_degenerate_vertex(name: str, variant: str) -> None:
+def test_every_working_set_of_a_degenerate_vertex(name: str, method: str) -> None:
     """x on a corner of the box 0 ≤ x ≤ 1 with Δ = 0 there: each of the 4⁴ working sets is a start.
 
     Wherever it starts, the method ends, and where the corner itself is the start it stays.
@@ -295,5 +295,5 @@ def test_every_working_set_of_a_degenerate_vertex(name: str, variant: str) -> No
         qp = ContactQP(A, -A @ vertex, np.zeros(4), np.ones(4))
         for members in product([AT_LOWER, FREE, AT_UPPER, PASSIVE], repeat=4):
             start = Solution(vertex, qp.row_id, Status.SOLVED, np.array(members, np.int8))
-            x = solved(qp, variant, start)
+            x = solved(qp, method, start)
             assert np.linalg.norm(A @ (x - vertex)) <= 1e-14 * np.linalg.norm(A)

@@ -1,1 +1,1 @@
-"""The method where A is sparse."""
+"""Algorithm 2 where A is sparse."""

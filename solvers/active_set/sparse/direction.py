@@ -12,6 +12,7 @@ from math import ceil, sqrt
 from solvers.active_set.compiled import kernel
 from solvers.active_set.loop import (
     CUSTOM,
+    DEFERRED,
     NO_R,
     ONLINE,
     SCRATCH,
@@ -73,6 +74,8 @@ PER_FLOP, PER_ENTRY, PER_COLUMN = 0.37, 13.0, 83.0
 """What a factorization takes for each flop, entry and column of L, in units of 1/`PRICE` of an
 iteration's flop; measured.  The online rule, which is about time, counts so; the paper's counts
 flops."""
+LOWER_SHIFT, TOO_OLD = 1, 2
+"""Why the next QP is due to factorize."""
 MOST_FACTORS = 8
 """Factorizations for one direction: an old L's place is taken, the shift lowered from first to
 least, and something to spare."""
@@ -189,7 +192,7 @@ def conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, noise, limit, plain
 
     Row GRADIENT holds Bᵀ r.  p is left in row P, 0 outside F, and B_F p + r in row REMAINDER.
     A p that will be cut short, if it is `bounded`, need only be roughly right.  Returns the
-    iterations made, as a negative number, −1 − iterations, when `limit` of them were not enough.
+    iterations made, as a negative number, −1 − iterations, when the next would exceed `limit`.
 
     With M⁻¹ = E (L Lᵀ)⁻¹ Eᵀ, E the rows of F, which is positive definite whatever columns L has:
     v = B_Fᵀ s, y = M⁻¹ v, q := −y + (vᵀy/vᵀy before) q, α = vᵀy/‖B_F q‖² (Björck and Elfving 1979).
@@ -223,7 +226,7 @@ def conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, noise, limit, plain
             slope += along * along
         if sqrt(slope) <= tolerance:
             return iterations
-        if iterations >= limit:
+        if iterations + 1 > limit:
             return -1 - iterations
         if iterations == 0:
             rough = ROUGH * sqrt(slope) if bounded else 0.0
@@ -266,9 +269,10 @@ def direction(pattern, Bx, Lx, S, I, m, f, tolerance, rounding, mode):
     """Step 3; returns the age of the L that was given up on the way, or 0.
 
     An old L that needs more iterations than the rule allows is replaced by today's at once: by the
-    paper's, (2 C_QR/C_IT)^½, by the online rule as many as cost what a factorization does.
+    paper's, (2 C_QR/C_IT)^½, by the online rule as many as cost what a factorization does.  Where
+    the paper's rule is deferred, the next QP is due to factorize instead.
     """
-    given_up = 0
+    given_up, worth, spent = 0, 0.0, 0
     if mode & SCRATCH and not has_todays_L(I, pattern.order.size):
         factorize(pattern, Bx, Lx, S, I, f)
     plain = (mode & NO_R) != 0
@@ -280,16 +284,17 @@ def direction(pattern, Bx, Lx, S, I, m, f, tolerance, rounding, mode):
         C_IT = iteration_flops(pattern, f, m, plain)
         C_QR = S[REALS, FACTORIZATION_COST]
         many = min(MANY, 2.0 + 2.0 * PRICE * C_QR / C_IT)
-        limit = ceil(sqrt(2.0 * S[REALS, FACTORIZATION_FLOPS] / C_IT))
+        worth = sqrt(2.0 * S[REALS, FACTORIZATION_FLOPS] / C_IT)
         if mode & ONLINE:
-            limit = iterations_worth(S[REALS], C_QR, C_IT)
+            worth = iterations_worth(S[REALS], C_QR, C_IT)
         if mode & CUSTOM and S[REALS, CG_LIMIT] >= 0:
-            limit = S[REALS, CG_LIMIT]
+            worth = S[REALS, CG_LIMIT]
+        limit = worth
         if plain:
             limit = 10.0 * f + 100
         elif todays:
-            limit = 2.0 * many if S[REALS, SHIFT] > LEAST_SHIFT else MOST_ITERATIONS
-        elif interval > 0:
+            limit = ceil(2.0 * many) if S[REALS, SHIFT] > LEAST_SHIFT else MOST_ITERATIONS
+        elif interval > 0 or mode & DEFERRED:
             limit = MOST_ITERATIONS
         shift = S[REALS, SHIFT]
         noise = NOISE * rounding * rounding / shift if shift > 0.0 and not plain else 0.0
@@ -300,12 +305,14 @@ def direction(pattern, Bx, Lx, S, I, m, f, tolerance, rounding, mode):
         if todays:
             S[REALS, YOUNG] = spent
         lower = todays and spent > many and S[REALS, SHIFT] > LEAST_SHIFT
-        if lower and I[COUNTS, DUE] == 0:
+        if lower and I[COUNTS, DUE] != LOWER_SHIFT:
             S[REALS, SHIFT] = max(LOWERED * S[REALS, SHIFT], LEAST_SHIFT)
-            I[COUNTS, DUE] = 1
+            I[COUNTS, DUE] = LOWER_SHIFT
         if made >= 0 or plain or (todays and not lower):
             break
         given_up = max(given_up, I[COUNTS, AGE])
         I[COUNTS, DUE] = 0
         factorize(pattern, Bx, Lx, S, I, f)
+    if mode & DEFERRED and spent > worth and I[COUNTS, DUE] == 0:
+        I[COUNTS, DUE] = TOO_OLD
     return given_up

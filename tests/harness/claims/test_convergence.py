@@ -45,7 +45,7 @@ LABEL = "tower,bodies=3,lean=0.1"
 
 def converged(label: str, folder: Path) -> Converged:
     """The campaign on one scene."""
-    return Converged(**measure(convergence_claims([label], make_solver("lotstedt")), folder))
+    return Converged(**measure(convergence_claims([label], make_solver("glambda")), folder))
 
 
 @pytest.fixture(scope="module")
@@ -92,15 +92,15 @@ def test_a_scene_that_is_not_there_is_refused() -> None:
 def test_bounds_of_the_step() -> None:
     assert longest_step(1e-6, STOCK) == longest_step(1e-2, STOCK) == 0.02
     assert longest_step(1e-6, BOUNDED) == pytest.approx(3e-4)
-    run, _ = run_case(cases_of(["fig3"])[0]._replace(until=0.2), make_solver("lotstedt"), 1e-4)
+    run, _ = run_case(cases_of(["fig3"])[0]._replace(until=0.2), make_solver("glambda"), 1e-4)
     assert np.diff(run.t).max() <= 3e-3 * (1 + 1e-9)
 
 
 def test_a_run_has_no_error_against_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("harness.claims.reference_motion.REFERENCE", 1e-4)
     case = Case("fig4", scene("fig4"), 0.5)
-    reference = reference_of(case, make_solver("lotstedt"))
-    run, _ = run_case(case, make_solver("lotstedt"), 1e-4)
+    reference = reference_of(case, make_solver("glambda"))
+    run, _ = run_case(case, make_solver("glambda"), 1e-4)
     pose, velocity = reference.errors(run)
     assert not pose.any() and not velocity.any()
     first, impact, late = reference.ends
@@ -112,7 +112,7 @@ def test_a_run_has_no_error_against_itself(monkeypatch: pytest.MonkeyPatch) -> N
 def test_it_is_late_after_some_impacts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("harness.claims.reference_motion.REFERENCE", 1e-4)
     monkeypatch.setattr("harness.claims.reference_motion.LATE", 2)
-    reference = reference_of(Case("fig4", scene("fig4"), 0.5), make_solver("lotstedt"))
+    reference = reference_of(Case("fig4", scene("fig4"), 0.5), make_solver("glambda"))
     parts = [reference.within(stretch) for stretch in ("before", "after", "late")]
     assert (np.sum(parts, axis=0) == 1).all() and all(part.any() for part in parts)
     assert 0.29 < reference.ends[2] < 0.3

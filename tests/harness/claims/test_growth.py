@@ -27,7 +27,7 @@ from reports.claims.growth import (
 )
 from solvers import make_solver
 
-SMALL = Plan(families=("tower",), bodies=(3, 30), solvers=("lotstedt", "quadprog"), repeats=1)
+SMALL = Plan(families=("tower",), bodies=(3, 30), solvers=("glambda", "quadprog"), repeats=1)
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def points(folder: Path) -> pd.DataFrame:
 
 def test_each_size_and_solver_has_one_row(points: pd.DataFrame) -> None:
     assert list(points["k"]) == [6, 6, 60, 60]
-    assert list(points["solver"]) == ["lotstedt", "quadprog"] * 2
+    assert list(points["solver"]) == ["glambda", "quadprog"] * 2
     assert list(points["arm"]) == ["warm", "cold"] * 2  # quadprog keeps nothing
     assert points["tried"].all()
     assert (points["verified"] == 1).all()
@@ -128,7 +128,7 @@ def test_who_exceeds_the_limit_or_is_wrong_is_not_tried_again(
     monkeypatch: pytest.MonkeyPatch, folder: Path
 ) -> None:
     known = [
-        *(("lotstedt", k, 0.1, 1.0) for k in (4, 6, 8)),
+        *(("glambda", k, 0.1, 1.0) for k in (4, 6, 8)),
         *(("osqp", k, 0.1, share) for k, share in ((4, 1.0), (6, 0.25))),
         *(("daqp", k, time, 1.0) for k, time in ((4, 0.5), (6, 2.5))),
         *(("scs", k, 0.1, 0.75) for k in (4, 6, 8)),
@@ -136,12 +136,12 @@ def test_who_exceeds_the_limit_or_is_wrong_is_not_tried_again(
     frame = pd.DataFrame(known, columns=["solver", "k", "time", "verified"])
     monkeypatch.setattr(growth, "replay", replayed_as(frame))
     plan = Plan(
-        families=("tower",), bodies=(2, 3, 4), solvers=("lotstedt", "osqp", "daqp", "scs"), limit=2
+        families=("tower",), bodies=(2, 3, 4), solvers=("glambda", "osqp", "daqp", "scs"), limit=2
     )
     points = measure_growth(plan, folder)
     tried = {s: part["tried"].tolist() for s, part in points.groupby("solver", sort=False)}
     assert tried == {
-        "lotstedt": [True, True, True],
+        "glambda": [True, True, True],
         "osqp": [True, True, False],
         "daqp": [True, True, False],
         "scs": [True, True, True],
@@ -152,11 +152,11 @@ def test_who_exceeds_the_limit_or_is_wrong_is_not_tried_again(
     stops = limits_table(points).display().set_index("solver")
     assert stops.loc["daqp", "last k"] == "6"
     assert stops.loc["daqp", "why no further"] == "2.5 s per call"
-    assert stops.loc["lotstedt", "why no further"] == "all sizes were tried"
+    assert stops.loc["glambda", "why no further"] == "all sizes were tried"
 
 
 def test_the_last_size_of_all_needs_no_reason() -> None:
-    points = made_up({"lotstedt": [1e-5, 1e-4], "osqp": [1e-5, 5.0], "daqp": [5.0, 5.0]})
+    points = made_up({"glambda": [1e-5, 1e-4], "osqp": [1e-5, 5.0], "daqp": [5.0, 5.0]})
     points.loc[points["runtime"] > 1, "reason"] = "10.0 s per call"
     points.loc[points["solver"].eq("daqp") & (points["k"] == 1000), "tried"] = False
     stops = limits_table(points).data.set_index("solver")
@@ -179,7 +179,7 @@ def test_the_exponent_of_a_power_is_found() -> None:
 
 def test_ratios_are_to_the_fastest_that_is_right() -> None:
     points = made_up(
-        {"lotstedt": [1e-5, 1e-4], "lotstedt[old_r]": [1e-6, 1e-6], "osqp": [2e-5, 2e-4],
+        {"glambda": [1e-5, 1e-4], "lotstedt": [1e-6, 1e-6], "osqp": [2e-5, 2e-4],
          "piqp": [5e-6, 2e-3]},
         verified=0.75,
     )  # fmt: skip
@@ -193,8 +193,8 @@ def test_ratios_are_to_the_fastest_that_is_right() -> None:
 
 
 def test_unverified_times_are_told_and_not_fitted() -> None:
-    points = made_up({"lotstedt": [1e-5, 1e-4, 1e-3], "osqp": [1e-5, 1e-4, 1e-3]}, verified=0.875)
-    assert list(exponents_table(points).data["solver"]) == ["lotstedt"]
+    points = made_up({"glambda": [1e-5, 1e-4, 1e-3], "osqp": [1e-5, 1e-4, 1e-3]}, verified=0.875)
+    assert list(exponents_table(points).data["solver"]) == ["glambda"]
     assert times_table(points, "tower").notes[0] == (
         "osqp at k = 100: 87.5 % of the answers are verified."
     )

@@ -11,7 +11,7 @@ from harness.claims.slide import STEEPEST, Slide, growth, rod_of_gain, slide_of
 from harness.results.claim import measure
 from problems import Run, scene, simulate
 from problems.contacts.assembly import Assembly
-from problems.friction.passes import largest_gain
+from problems.friction.newton import largest_gain
 from problems.stepping.stepper import Stepper, StepperOptions
 from reports.claims.painleve import painleve_tables, write_painleve
 from solvers import make_solver
@@ -24,7 +24,7 @@ def run_of(
     until: float = 0.01, friction: str = "corrected", eps: float = 1e-3, **parameters
 ) -> Run:
     made = scene("painleve", **parameters)
-    return simulate(made, make_solver("lotstedt"), until=until, friction=friction, eps=eps)  # type: ignore[arg-type]
+    return simulate(made, make_solver("glambda"), until=until, friction=friction, eps=eps)  # type: ignore[arg-type]
 
 
 def gains(run: Run) -> list[float]:
@@ -66,7 +66,7 @@ def test_compiled_steps_leave_gains_to_the_stepper(friction: str) -> None:
     rising = scene("painleve", angle=0.7, spin=3.0, slip=3.0)
     kept, quick = (
         simulate(
-            rising, make_solver("lotstedt"), eps=1e-4, until=0.06, friction=friction, keep_qps=keep
+            rising, make_solver("glambda"), eps=1e-4, until=0.06, friction=friction, keep_qps=keep
         )
         for keep in (True, False)
     )
@@ -83,7 +83,7 @@ def test_below_one_there_is_no_event(friction: str, changes: dict) -> None:
 
 def test_gains_of_several_contacts_are_found_where_the_passes_fail() -> None:
     """Boxes that slide on each other: no contact has a gain of 1 by itself with μ = 0.5."""
-    run = simulate(scene("fig2", boxes=8, mu=0.5), make_solver("lotstedt"), until=0.08)
+    run = simulate(scene("fig2", boxes=8, mu=0.5), make_solver("glambda"), until=0.08)
     assert gains(run) and min(gains(run)) >= 1
     first = next(event.t for event in run.event_log if event.kind == "gain")
     assert min(abs(first - event.t) for event in run.event_log if event.kind == "jam") < 1e-3
@@ -94,7 +94,7 @@ def test_the_largest_gain_is_an_eigenvalue_of_the_slope(monkeypatch, entries: in
     monkeypatch.setattr("problems.contacts.assembly.DENSE_ENTRIES", entries)
     stepper = Stepper(
         scene("tower", bodies=6, mu=0.5),
-        make_solver("lotstedt"),
+        make_solver("glambda"),
         StepperOptions(1e-3, 1e-3, rest_speed=1.0),
     )
     stepper.start()
@@ -159,7 +159,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Painleve:
         patch.setattr("harness.claims.painleve.GAINS", (-0.4, -0.3, 0.9, 1.2, 2.0))
         patch.setattr("harness.claims.painleve.APPROACHES", (2.0, 3.0))
         patch.setattr("harness.claims.painleve.TOLERANCES", (1e-3, 1e-4))
-        claims = painleve_claims(make_solver("lotstedt"))
+        claims = painleve_claims(make_solver("glambda"))
         return Painleve(**measure(claims, tmp_path_factory.mktemp("painleve")))
 
 

@@ -61,8 +61,8 @@ def test_other_orders_are_refused() -> None:
 @pytest.mark.parametrize("D", [0.0, 0.1])
 def test_the_stepper_does_what_the_roots_say(order: int, D: float) -> None:
     assert {1: 1.0, 2: 1.5}[order] > D  # α₀ of BDF-r: (3.9) converges
-    inside = measured_run(make_solver("lotstedt"), order, D, 0.97 * float(border(order, D)))
-    outside = measured_run(make_solver("lotstedt"), order, D, 1.03 * float(border(order, D)))
+    inside = measured_run(make_solver("glambda"), order, D, 0.97 * float(border(order, D)))
+    outside = measured_run(make_solver("glambda"), order, D, 1.03 * float(border(order, D)))
     for run in (inside, outside):
         assert run.residual < 1e-8
         assert run.growth == pytest.approx(float(amplification(order, run.D, run.K)), rel=0.01)
@@ -72,6 +72,6 @@ def test_the_stepper_does_what_the_roots_say(order: int, D: float) -> None:
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize(("D", "K"), CORNERS)
 def test_runs_at_the_corners_grow_linearly(order: int, D: float, K: float) -> None:
-    size = measured_run(make_solver("lotstedt"), order, D, K).size
+    size = measured_run(make_solver("glambda"), order, D, K).size
     assert size[200] / size[100] == pytest.approx(2.0, rel=0.02)
     assert size[100] / size[50] == pytest.approx(2.0, rel=0.04)

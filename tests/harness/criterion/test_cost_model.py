@@ -80,8 +80,8 @@ def test_a_recording_without_steps_has_no_criterion() -> None:
 @cache
 def tower_recording() -> Recording:
     """A tower large enough for the sparse path."""
-    run = simulate(scene("tower", bodies=30), make_solver("lotstedt"), until=0.12)
-    return recording_of(run, "lotstedt")
+    run = simulate(scene("tower", bodies=30), make_solver("glambda"), until=0.12)
+    return recording_of(run, "glambda")
 
 
 def test_sparse_costs_are_those_that_the_solver_counts() -> None:

@@ -33,6 +33,7 @@ from harness.recordings.recording import Recording, read_recording, write_record
 from harness.study.record import recording_of
 from problems import scene, simulate
 from problems.qp import ContactQP
+from reports.criterion.advice import DO, advice, keeps
 from reports.criterion.page import tables_of, write_criterion
 from solvers import make_solver
 from solvers.active_set.flops import qr_flops
@@ -216,16 +217,16 @@ def test_counts_are_the_same_in_every_run() -> None:
         pd.testing.assert_frame_equal(drive(links, rule)[COUNTED], drive(links, rule)[COUNTED])
 
 
-def test_the_deferred_rule_factorizes_after_a_qp_of_too_many_iterations() -> None:
+def test_the_deferred_rule_factorizes_after_a_direction_of_too_many_iterations() -> None:
     steps = drive(sequence(short_recording("fig4", 150)), paper_deferred())
-    each = steps["cg_iterations"] / steps["descent_directions"].clip(lower=1)
-    limit = np.ceil(np.sqrt(2 * steps["C_QR"] / steps["C_IT"].clip(lower=1.0)))
-    beyond = (each > limit) & (steps["f"] > 0)
-    followed = beyond.shift(fill_value=False) & steps["warm"] & (steps["f"] > 0)
-    assert followed.sum() > 3
-    assert (steps.loc[followed, "qr_factorizations"] >= 1).all()
-    kept = ~followed & steps["warm"]
-    assert steps.loc[kept, "qr_factorizations"].sum() == 0
+    limit = np.sqrt(2 * steps["C_QR"] / steps["C_IT"].clip(lower=1.0))
+    one = (steps["descent_directions"] <= 1) & (steps["working_set_changes"] == 0)
+    settled, follows = one & (steps["f"] > 0), steps["warm"] & (steps["f"] > 0)
+    for beyond in (False, True):
+        told = (steps["cg_iterations"] > limit) == beyond
+        after = (settled & told).shift(fill_value=False) & follows
+        assert after.sum() > 10
+        assert (steps.loc[after, "qr_factorizations"] == int(beyond)).all()
 
 
 def test_costs_are_means_over_qps_with_a_predecessor_and_a_free_column() -> None:
@@ -264,8 +265,8 @@ def test_a_sparse_recording_is_measured_by_the_costs_of_its_own_path(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(recording_of.__globals__, "reference", lambda *_, **__: None)
-    run = simulate(scene("wall", bodies=25), make_solver("lotstedt"), until=0.25)
-    found = measure(recording_of(run, "lotstedt"))
+    run = simulate(scene("wall", bodies=25), make_solver("glambda"), until=0.25)
+    found = measure(recording_of(run, "glambda"))
     assert found.criterion.sparse == 1.0
     always = found.rules["always"].steps[found.counted]
     assert pytest.approx(always["C_QR"].mean()) == found.criterion.C_QR
@@ -318,6 +319,19 @@ def test_tables_say_who_loses() -> None:
     np.testing.assert_allclose(premise[["none", "one", "several"]].sum(axis=1), 1.0)
     for table in tables.values():
         assert "nan" not in table.to_markdown()
+
+
+def test_the_advice_is_the_cheapest_rule_that_can_be_followed() -> None:
+    found = [measured("fig4"), measured("fig5", 100)]
+    whether, when = advice(found)
+    assert all(not keeps(one) for one in found)
+    assert whether.startswith("Factorize at every QP and keep no R on ") and "fig5" in whether
+    worst = {rule: max(one.regret(rule) for one in found) for rule in DO}
+    best = min(worst, key=worst.__getitem__)
+    assert f"factorize {DO[best]}:" in when
+    # where the rules that keep R are the cheaper ones, it says so
+    dear = replace(found[0], rules={**found[0].rules, "exact QR": found[0].rules["always"]})
+    assert keeps(dear) and advice([dear])[0].startswith("Keep R on ")
 
 
 def test_the_premise_is_judged_on_the_qps_of_several_directions() -> None:

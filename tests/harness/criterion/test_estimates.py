@@ -162,7 +162,7 @@ def test_the_accuracy_promised_is_reached_from_every_start() -> None:
         assert set(rows["solver"]) == set(SOLVERS) and set(rows["start"]) == set(STARTS)
         asked = rows[rows["asked"] == 1.0]
         assert (asked["ratio"] <= 1).all()
-        old = asked[(asked["age"] > 0) & (asked["solver"] != "lotstedt")]
+        old = asked[(asked["age"] > 0) & (asked["solver"] != "glambda")]
         assert (old["directions"] > 1).sum() > 30
         # conjugate gradients stop where they may: the promise is used, not kept by exact solves
         assert asked["ratio"].max() > 1e-3
@@ -173,14 +173,12 @@ def test_a_ratio_is_the_error_over_the_eps0_of_the_qp() -> None:
     rows = short_accuracy()
     for asked in (1.0, SAFETY):
         chosen = rows[
-            (rows["solver"] == "lotstedt[old_r]")
-            & (rows["start"] == "cold")
-            & (rows["asked"] == asked)
+            (rows["solver"] == "lotstedt") & (rows["start"] == "cold") & (rows["asked"] == asked)
         ]
         assert len(chosen) == len(recording.qps)
         for row in list(chosen.itertuples())[::10]:
             qp, reference = recording.qps[row.place], recording.references[row.place]
-            solver = make_solver("lotstedt[old_r]", accuracy=asked * qp.eps0)
+            solver = make_solver("lotstedt", accuracy=asked * qp.eps0)
             x = solver.solve(qp).x
             error = np.linalg.norm(qp.dense_A.astype(np.longdouble) @ x - reference.Ax)
             assert row.ratio == pytest.approx(float(error) / qp.eps0)
@@ -214,7 +212,7 @@ def test_shaking_adds_a_force_in_the_range_of_A_and_finds_a_reference() -> None:
         assert np.linalg.norm(push) == pytest.approx(facts_of(before).scale, rel=1e-6)
         preimage = np.linalg.lstsq(before.dense_A, push, rcond=1e-10)[0]
         assert np.linalg.norm(before.dense_A @ preimage - push) <= 1e-9 * np.linalg.norm(push)
-        x = make_solver("lotstedt", accuracy=1e-9 * facts_of(after).scale).solve(after).x
+        x = make_solver("glambda", accuracy=1e-9 * facts_of(after).scale).solve(after).x
         error = np.linalg.norm(after.dense_A @ x - reference.Ax)
         assert error <= 1e-8 * facts_of(after).scale
     again = shake(recording, 50)
@@ -278,7 +276,7 @@ def test_sets_and_directions_are_those_of_the_solvers() -> None:
     rows = recorded(recording)
     cold, warm = rows[rows["arm"] == "cold"], rows[rows["arm"] == "warm"]
     assert len(cold) == len(warm) == sum(moving(qp) > 0 for qp in recording.qps)
-    enumeration, method = make_solver("enumeration"), make_solver("lotstedt")
+    enumeration, method = make_solver("enumeration"), make_solver("glambda")
     for qp, row in zip(recording.qps, cold.itertuples(), strict=True):
         assert row.k == moving(qp)
         assert row.sets == enumeration.solve(qp).iterations
@@ -303,7 +301,7 @@ def test_both_methods_agree_on_random_qps() -> None:
     rng = np.random.default_rng(3)
     for qp in (random_qp(k, rng) for k in (3, 6, 9)):
         enumerated = make_solver("enumeration", accuracy=1e-10).solve(qp)
-        solved = make_solver("lotstedt", accuracy=1e-10).solve(qp)
+        solved = make_solver("glambda", accuracy=1e-10).solve(qp)
         np.testing.assert_allclose(qp.A @ enumerated.x, qp.A @ solved.x, rtol=0, atol=1e-9)
 
 

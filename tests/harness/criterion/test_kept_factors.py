@@ -56,7 +56,7 @@ def test_kept_or_renewed_the_answer_is_that_of_todays_qp(kind: Kind) -> None:
 def test_renewals_come_every_so_many_qps_and_at_restarts() -> None:
     recording = short_recording("fig5", 60)
     links = sequence(recording)
-    solver = hooked("lotstedt" if not INSTALLED else INSTALLED[0].package, KINDS[0].keep)
+    solver = hooked("glambda" if not INSTALLED else INSTALLED[0].package, KINDS[0].keep)
     third = follow(recording, links, solver, solver, 3)
     chains = np.array([link.chain for link in links])
     for chain in range(chains.max() + 1):

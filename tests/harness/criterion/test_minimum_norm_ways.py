@@ -93,7 +93,7 @@ def test_bounds_are_kept_as_the_paper_s_way_keeps_them() -> None:
         A = rng.standard_normal((4, 12))
         x = np.where(rng.uniform(size=12) < 0.5, 0.0, rng.uniform(0, 3, 12))
         qp = ContactQP(A, np.ones(4), np.zeros(12), np.full(12, inf))
-        kept = minimum_norm(QPSequence(make_solver("lotstedt")), qp, x, None)
+        kept = minimum_norm(QPSequence(make_solver("glambda")), qp, x, None)
         found = least_norm(A, A @ x, qp.lower, qp.upper, decompose(A))
         if not found.refused:
             accepted, bounded = accepted + 1, bounded + (found.members != 0).any()

@@ -18,14 +18,14 @@ from harness.judging.error_bound import error_bound
 from harness.judging.facts import facts_of
 from harness.judging.judge import VERIFIED_WITHIN
 from harness.judging.oracle import reference
-from harness.machine.machine import solver_version
 from harness.passes.limits import TIME_LIMIT
+from harness.processes.introduction import forget
 from harness.recordings.recording import Reference
 from problems.qp import ContactQP, Vector, positions_of
 from reports.rows.comparison import compare
 from reports.rows.results import prepare
 from solvers import registry
-from solvers.active_set.method import Lotstedt
+from solvers.active_set.glambda import Glambda
 from solvers.base import Unsupported
 from tests.fakes.crooked import Right
 from tests.fakes.fake_recordings import fake_recording
@@ -35,7 +35,7 @@ INF = np.inf
 
 
 def solved(qp: ContactQP) -> Vector:
-    return np.asarray(Lotstedt(1e-14).solve(qp).x)
+    return np.asarray(Glambda(1e-14).solve(qp).x)
 
 
 def least_residual(qp: ContactQP, x: Vector) -> Vector:
@@ -263,7 +263,7 @@ class Picker(Right):
 
 @pytest.fixture
 def cheats(monkeypatch: pytest.MonkeyPatch) -> None:
-    solver_version.cache_clear()
+    forget()
     known = (Right, Eraser, Rebinder, Returner, Picker)
     found = {cls.__name__.lower(): f"{cls.__module__}:{cls.__name__}" for cls in known}
     monkeypatch.setattr(registry, "_REGISTERED", found)
@@ -276,7 +276,7 @@ def test_cheats_in_the_replay_are_not_verified_and_harm_nobody() -> None:
     verdicts = rows[rows["k"] > 0].groupby("solver")["verdict"].agg(set)
     assert verdicts["right"] == {"verified"}
     assert verdicts["eraser"] == {"failed"}
-    assert verdicts["rebinder"] == {"failed"}
+    assert "verified" not in verdicts["rebinder"]  # of what it was handed, which was a copy
     assert "claimed_wrong" in verdicts["returner"]
     assert verdicts["picker"] == {"verified", "skipped"}
 

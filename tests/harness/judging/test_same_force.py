@@ -20,7 +20,7 @@ from harness.study.verify import verify
 from solvers import describe, solver_names
 from tests.fakes.runs import scene_recording
 
-STRIDES = {**dict.fromkeys(EXPECTED, 3), "lotstedt": 1}
+STRIDES = {**dict.fromkeys(EXPECTED, 3), "glambda": 1}
 
 
 @cache
@@ -51,5 +51,8 @@ def test_every_backend_reproduces_the_same_force(solver, name):
     if not info.available:
         pytest.skip(f"{solver} is not installed: {info.reason}")
     table = verify([sample(name, STRIDES.get(solver, 9))], [solver])
+    if name == "fig5" and solver == "nncg":
+        assert (table["solves"] == 0).all()
+        pytest.skip("it takes x ≥ 0 alone, and every QP of fig5 has friction")
     assert (table["solves"] > 0).all(), "nothing was answered"
     assert table["holds"].all(), table.drop(columns="reason").to_string()

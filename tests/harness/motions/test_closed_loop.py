@@ -32,13 +32,13 @@ from reports.motions.closed_loop_findings import (
 )
 from solvers import make_solver
 from solvers.base import Unsupported
-from tests.fakes.loop_crimes import CRIMES, commit
+from tests.fakes.loop_crimes import CRIMES
 from tests.fakes.runs import scene_run
 
-LOOP = Loop("fig3", "lotstedt", "paper", 1e-3, 1e-3, 2e-3, until=0.9, time_limit=60.0)
+LOOP = Loop("fig3", "glambda", "paper", 1e-3, 1e-3, 2e-3, until=0.9, time_limit=60.0)
 SMALL = LoopPlan(
     scenes=("fig3",),
-    solvers=("lotstedt", "clarabel"),
+    solvers=("glambda", "clarabel"),
     settings=("paper",),
     sweep=("1x", "1e5x"),
     until=0.9,
@@ -82,8 +82,8 @@ def test_settings_ask_for_multiples_of_eps0_or_of_the_scale() -> None:
 @pytest.mark.parametrize(
     ("solver", "setting", "complaint"),
     [
-        ("lotstedt", "precise", "precise"),
-        ("lotstedt", "-1x", "multiple of ε₀"),
+        ("glambda", "precise", "precise"),
+        ("glambda", "-1x", "multiple of ε₀"),
         ("nobody", "paper", "nobody"),
         ("sloppy[very]", "1x", "sloppy"),
         ("sloppy[any]", "default", "default"),
@@ -126,12 +126,12 @@ def test_sloppiness_is_the_same_every_time_and_another_at_each_qp() -> None:
 
 
 def test_what_a_solver_cost_is_counted_and_its_time_runs_out() -> None:
-    driver = InLoop("lotstedt", "high")
+    driver = InLoop("glambda", "high")
     for qp in some_qps():
         driver.solve(qp)
     assert driver.calls == len(some_qps())
     assert driver.call_time >= driver.solve_time > 0
-    late = InLoop("lotstedt", "high", time_limit=0.0)
+    late = InLoop("glambda", "high", time_limit=0.0)
     with pytest.raises(RuntimeError, match="time limit"):
         late.solve(some_qps()[0])
     assert late.out_of_time
@@ -147,7 +147,7 @@ class GivesUp:
         self.instead = instead
 
     def solve(self, qp: ContactQP, start: Solution | None = None) -> Solution:
-        return self.instead(qp) if qp.t > 0.3 else make_solver("lotstedt").solve(qp)
+        return self.instead(qp) if qp.t > 0.3 else make_solver("glambda").solve(qp)
 
 
 def fails(qp: ContactQP) -> Solution:
@@ -170,7 +170,7 @@ def test_a_loop_that_stops_is_measured_up_to_there(
 ) -> None:
     class Driver(InLoop):
         def __init__(self, *arguments: object) -> None:
-            super().__init__("lotstedt", "paper")
+            super().__init__("glambda", "paper")
             self.solver = GivesUp(instead)
 
     monkeypatch.setattr(loop, "InLoop", Driver)
@@ -224,7 +224,11 @@ def test_crashes_and_hangs_cost_one_loop(monkeypatch: pytest.MonkeyPatch, tmp_pa
     loops = [replace(LOOP, solver=crime, time_limit=0.1) for crime in CRIMES]
     seen: list[float] = []
     run_isolated(
-        loops, tmp_path, workers=3, work=commit, progress=lambda what, done, n: seen.append(done)
+        loops,
+        tmp_path,
+        workers=3,
+        work="tests.fakes.loop_crimes:commit",
+        progress=lambda what, done, n: seen.append(done),
     )
     results = [load_loop(tmp_path, each) for each in loops]
     assert [r.verdict for r in results if r] == ["crashed", "crashed", "timeout"]
@@ -242,7 +246,7 @@ def test_crashes_and_hangs_cost_one_loop(monkeypatch: pytest.MonkeyPatch, tmp_pa
 def test_each_loop_has_a_row(found: Findings) -> None:
     rows = found.rows
     sloppy = [(name, setting) for name in SLOPPY for setting in SMALL.sweep]
-    wanted = [("lotstedt", "1e-12"), ("lotstedt", "paper"), ("clarabel", "paper"), *sloppy]
+    wanted = [("glambda", "1e-12"), ("glambda", "paper"), ("clarabel", "paper"), *sloppy]
     assert list(zip(rows["solver"], rows["setting"], strict=True)) == wanted
     assert (rows["verdict"] == "finished").all()
     assert (rows["matched"] == 1).all()  # one impact, at 0.738
@@ -252,10 +256,10 @@ def test_each_loop_has_a_row(found: Findings) -> None:
 def test_motions_are_as_near_as_they_should_be(found: Findings) -> None:
     rows = found.rows.set_index(["solver", "setting"])
     error, own = rows["error"], rows["from_twin"]
-    assert own["lotstedt", "1e-12"] == 0.0
+    assert own["glambda", "1e-12"] == 0.0
     assert own["clarabel", "paper"] < 1e-6
     # the reference is much better than what it judges, and ε is what the errors come from
-    twin = error["lotstedt", "1e-12"]
+    twin = error["glambda", "1e-12"]
     assert found.check_error.largest(found.common) < 0.3 * twin
     for noise in ("any", "more", "less"):
         assert own[f"sloppy[{noise}]", "1x"] < 0.1 * twin
@@ -263,7 +267,7 @@ def test_motions_are_as_near_as_they_should_be(found: Findings) -> None:
     # too large forces lift contacts until they are dropped
     assert error["sloppy[more]", "1e5x"] < 3 * twin
     assert rows["pumped"]["sloppy[more]", "1e5x"] > 1e-3  # [J]; exact ones do no such work
-    assert rows["pumped"]["lotstedt", "1e-12"] < 1e-12
+    assert rows["pumped"]["glambda", "1e-12"] < 1e-12
     assert is_good(found)[:3].all()
     assert harmless(found, "sloppy[more]") >= 1.0
 
@@ -374,7 +378,7 @@ def test_where_sloppiness_is_as_large_as_eps_is_interpolated(found: Findings) ->
 
 def test_the_command_runs_and_refuses(folder: Path, found: Findings) -> None:
     runner = CliRunner()
-    asked = ["closed-loop", "fig3", "--solvers", "lotstedt", "--settings", "fast"]
+    asked = ["closed-loop", "fig3", "--solvers", "glambda", "--settings", "fast"]
     refused = runner.invoke(app, [*asked, "-o", str(folder / "none")])
     assert refused.exit_code == 2
     assert "fast" in refused.stderr

@@ -61,7 +61,7 @@ def test_overlap_agrees_with_the_active_gaps_of_a_run() -> None:
 @pytest.fixture(scope="module")
 def dropped() -> Run:
     """A unit box that falls 0.1 m onto the ground."""
-    return simulate(one_box(y=0.6, end_time=0.3), make_solver("lotstedt"))
+    return simulate(one_box(y=0.6, end_time=0.3), make_solver("glambda"))
 
 
 def test_what_falls_loses_its_energy_at_the_impact(dropped: Run) -> None:
@@ -75,11 +75,11 @@ def test_what_falls_loses_its_energy_at_the_impact(dropped: Run) -> None:
 
 def test_the_work_of_a_load_is_no_gain() -> None:
     pushed = one_box(forces=(Load(0, (5.0, 0.0, 0.0), 0.1, 0.3),), end_time=0.4)
-    run = simulate(pushed, make_solver("lotstedt"))
+    run = simulate(pushed, make_solver("glambda"))
     found = energy(run)
     assert run.kinetic_energy()[-1] == pytest.approx(0.5 * (5.0 * 0.2) ** 2, rel=1e-3)
     assert found["gained_at_steps"] < 1e-2 * run.kinetic_energy()[-1]
-    bare = energy(simulate(one_box(v=(1.0, 0.0, 0.0), end_time=0.4), make_solver("lotstedt")))
+    bare = energy(simulate(one_box(v=(1.0, 0.0, 0.0), end_time=0.4), make_solver("glambda")))
     assert bare["gained_at_steps"] < 1e-12
 
 
@@ -126,14 +126,14 @@ def test_a_contact_that_is_never_without_force_is_dropped_all_the_same() -> None
     """Boxes of fig2 part at 0.39 s, whether or not a multiplier is ever exactly 0."""
     exact, inside = (
         reach(simulate(scene("fig2"), InLoop(*solver), until=0.8))
-        for solver in (("lotstedt", "paper"), ("sloppy[inside]", "1e-4x"))
+        for solver in (("glambda", "paper"), ("sloppy[inside]", "1e-4x"))
     )
     assert 0 < exact < 1e-3
     assert inside == pytest.approx(exact, abs=1e-9)
 
 
 def test_reach_is_the_distance_of_the_corner_from_its_edge() -> None:
-    run = simulate(one_box(y=0.5, end_time=0.1), make_solver("lotstedt"))
+    run = simulate(one_box(y=0.5, end_time=0.1), make_solver("glambda"))
     assert reach(run) == pytest.approx(0.0, abs=1e-15)
     lifted = replace(run, q=run.q + np.array([0.3, 0.2, 0.0]))
     assert reach(lifted) == pytest.approx(0.2)

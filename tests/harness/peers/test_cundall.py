@@ -45,7 +45,7 @@ def test_a_sliding_box_stops_where_coulomb_says() -> None:
 
 
 def test_stiffer_springs_come_closer_to_rigid_contact() -> None:
-    solver = make_solver("lotstedt")
+    solver = make_solver("glambda")
     rigid = simulate(scene("fig2"), solver, eps=1e-4, until=0.4).q[-1].ravel()
     errors = []
     for stiffness in (1e4, 1e5, 1e6):

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import errno
-import os
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +12,12 @@ from typer.testing import CliRunner
 
 from glambda.cli import app
 from harness import replay
-from harness.processes import isolate
-from harness.processes.sheet import Layout, Sheet
+from harness.processes import introduction, isolate
 from harness.recordings.recording import write_recording
 from harness.results.store import is_disturbed, read_results
 from solvers import registry
 from tests.fakes import disturbances
+from tests.fakes.crooked import CROOKED
 from tests.fakes.fake_recordings import fake_recording
 
 pytestmark = [
@@ -30,22 +27,32 @@ pytestmark = [
 
 
 @pytest.fixture(autouse=True)
-def known(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    targets = {name: f"tests.fakes.disturbances:{name}" for name in disturbances.NAMES}
-    monkeypatch.setattr(registry, "_REGISTERED", targets)
-    yield
-    for name in disturbances.NAMES:
-        disturbances.marker(name, os.getpid()).unlink(missing_ok=True)
+def known(monkeypatch: pytest.MonkeyPatch) -> None:
+    targets = {"DiesUnborn": "tests.fakes.disturbances:DiesUnborn"}
+    monkeypatch.setattr(registry, "_REGISTERED", {**targets, **CROOKED})
 
 
 def rows_of(name: str, folder: Path) -> pd.DataFrame:
     return replay(fake_recording(), [name], arms=["cold"], repeats=1, results=folder)
 
 
-@pytest.mark.parametrize("name", ["ServerIsKilled", "IsKilled", "AllStandStill"])
-def test_a_disturbed_pass_is_done_once_more(name: str, tmp_path: Path) -> None:
-    rows = rows_of(name, tmp_path)
-    assert disturbances.marker(name, os.getpid()).exists(), "nothing has happened"
+@pytest.mark.parametrize("event", disturbances.EVENTS)
+def test_a_disturbed_pass_is_done_once_more(
+    event: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(isolate, "Apart", disturbances.Once)
+    monkeypatch.setattr(disturbances.Once, "event", event, raising=False)
+    monkeypatch.setattr(disturbances.Once, "happened", False)
+    passes = []
+    take = isolate.take_pass
+    monkeypatch.setattr(
+        isolate, "take_pass", lambda *how, **more: passes.append(take(*how, **more)) or passes[-1]
+    )
+    rows = rows_of("right", tmp_path)
+    assert disturbances.Once.happened
+    while disturbances.STARTED:
+        disturbances.STARTED.pop().wait()
+    assert [one.is_final for one in passes] == [True, False, True]  # the first asks nobody
     assert (rows["verdict"] == "verified").all(), rows[["verdict", "status_text"]].to_string()
 
 
@@ -55,9 +62,10 @@ def test_who_dies_unborn_is_told_apart_and_tried_again(tmp_path: Path) -> None:
     assert first["status_text"].str.startswith("disturbed: before its first QP: ").all()
     assert first["status_text"].str.contains("exit code 3").all()
     with pytest.MonkeyPatch.context() as patch:  # whatever it was has passed
-        patch.setattr(registry, "_REGISTERED", {"DiesUnborn": "tests.fakes.crooked:Right"})
+        patch.setattr(registry, "_REGISTERED", {"DiesUnborn": CROOKED["right"]})
         version = first["versions"].iloc[0]
-        patch.setattr(sys.modules["harness.study.replay"], "solver_version", lambda name: version)
+        known = introduction.about("DiesUnborn")._replace(version=version)
+        patch.setattr(sys.modules["harness.study.replay"], "about", lambda name: known)
         again = rows_of("DiesUnborn", tmp_path)
     assert (again["verdict"] == "verified").all()
 
@@ -73,34 +81,3 @@ def test_a_disturbed_replay_ends_with_exit_code_1(tmp_path: Path) -> None:
     assert "the same command tries them again" in said.stderr
     rows = read_results(tmp_path / "results")
     assert all(is_disturbed(row) for row in rows.to_dict("records"))
-
-
-class FullDisk:
-    """A file without a buffer on a disk with `room` bytes: it takes a part, then refuses."""
-
-    def __init__(self, file: Any, room: int) -> None:
-        self._file, self._room = file, room
-
-    def write(self, content: Any) -> int:
-        if self._room == 0:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        taken = min(self._room, len(content))
-        self._room -= taken
-        return int(self._file.write(bytes(content[:taken])))
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._file, name)
-
-
-@pytest.mark.parametrize("room", [0, 100, 4096])
-def test_a_sheet_that_does_not_fit_is_refused(
-    room: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def opened(*how: Any, **more: Any) -> FullDisk:
-        return FullDisk(open(*how, **more), room)
-
-    monkeypatch.setattr("harness.processes.sheet.open", opened, raising=False)
-    path = tmp_path / "sheet"
-    with pytest.raises(OSError, match="No space left on device; make room there, or set TMPDIR"):
-        Sheet(path, Layout([100] * 10))
-    assert not path.exists()

@@ -15,26 +15,39 @@ import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+import scipy.sparse as sp
 
 from harness import replay
+from harness.passes.clocks import Asking, counted
 from harness.passes.limits import hard_limit
-from harness.passes.measure import Outcome, believed
-from harness.processes import isolate, live_process
-from harness.processes.isolate import MOST_LOST
-from harness.processes.live_process import server
+from harness.passes.measure import MOST_LOST
+from harness.passes.outcome import Outcome
+from harness.passes.wire import (
+    SETTLED,
+    Question,
+    answer_size,
+    answered,
+    outcome_of,
+    packed,
+    unpacked,
+)
+from harness.processes import isolate, process
 from harness.processes.own_process import cause_of_death
-from harness.processes.sheet import HEADER, ROW, SETTLED, Layout, Pen, Sheet
-from harness.results.store import TIMES, StoreError, read_spent
+from harness.processes.process import server
+from harness.results.shard_file import FROM_PASSES
+from harness.results.store import StoreError, read_spent
 from problems.qp import WorkCounts
 from solvers import registry
 from tests.fakes.crimes import CRIMES, MEMORY_LIMIT, SCENE, targets
 from tests.fakes.fake_recordings import fake_recording
+from tests.fakes.random_qps import random_qp
 
 pytestmark = pytest.mark.skipif(not isolate.is_available(), reason="the system cannot fork")
 SHORT = 1.0
@@ -83,8 +96,6 @@ def test_all_other_answers_are_kept(study: pd.DataFrame, name: str) -> None:
         assert others["status_text"].str.startswith("not tried: 3 processes").sum() == 8
     elif name == "leaks":
         assert others["verdict"].tolist().count("verified") == 6
-    elif name == "cuts_its_sheet_short":
-        assert (others["verdict"] == "crashed").all()  # its answers were there
     else:
         assert (others["verdict"] == "verified").all()
 
@@ -150,6 +161,7 @@ from harness import replay
 from solvers.registry import register
 from tests.fakes.crimes import targets
 from tests.fakes.fake_recordings import fake_recording
+from tests.fakes.random_qps import random_qp
 for name, target in targets().items():
     register(name, target)
 replay(fake_recording(), sys.argv[2:], arms=["cold"], repeats=1, results=sys.argv[1])
@@ -224,7 +236,7 @@ def test_a_study_that_is_resumed_has_the_same_rows(study: pd.DataFrame, tmp_path
     assert told
     rows = replay(fake_recording(), names, **options).sort_values(["solver", "step"])
     before = study[study["solver"].isin(names)]
-    times = ["runtime", "runtime_median", *TIMES]
+    times = list(FROM_PASSES)
     pd.testing.assert_frame_equal(
         rows.drop(columns=times).reset_index(drop=True),
         before.drop(columns=times).reset_index(drop=True),
@@ -233,9 +245,9 @@ def test_a_study_that_is_resumed_has_the_same_rows(study: pd.DataFrame, tmp_path
 
 def test_the_same_rows_come_from_our_own_process() -> None:
     options: Any = {"settings": ["high"], "repeats": 1}
-    solvers = ["Honest", "lies", "nan", "picks_and_chooses", "scipy_bvls", "lotstedt", "daqp"]
+    solvers = ["Honest", "lies", "nan", "picks_and_chooses", "scipy_bvls", "glambda", "daqp"]
     rows = [replay(fake_recording(), solvers, isolate=flag, **options) for flag in (True, False)]
-    times = ["runtime", "runtime_median", *TIMES]
+    times = list(FROM_PASSES)
     pd.testing.assert_frame_equal(*(part.drop(columns=times) for part in rows))
 
 
@@ -245,21 +257,6 @@ def test_after_a_loss_a_warm_arm_begins_anew() -> None:
     # The crime is at QP 2; QP 3 follows a restart anyway, and QPs 6 and on are impulses.
     assert honest.index[honest["warm_started"]].tolist() == [1, 2, 4, 5]
     assert lost.index[lost["warm_started"]].tolist() == [1, 4, 5]
-
-
-def test_more_tasks_than_may_live_take_turns(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(isolate, "MOST_LIVE", 1)
-    alive = []
-
-    class Counted(isolate.Process):
-        def __init__(self, *arguments: Any) -> None:
-            super().__init__(*arguments)
-            alive.append(self)
-            assert sum(process.is_alive for process in alive) == 1
-
-    monkeypatch.setattr(isolate, "Process", Counted)
-    rows = replay(fake_recording(), ["Honest", "lies"], arms=["cold"], repeats=2)
-    assert len(alive) == 4 and (rows["repeats"] == 2).all()
 
 
 def test_a_server_that_is_killed_between_passes_is_replaced() -> None:
@@ -278,7 +275,7 @@ def test_a_server_that_is_killed_between_passes_is_replaced() -> None:
 
 
 def test_the_memory_that_is_held_is_watched(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(isolate.Process, "memory", lambda self: 2**31)
+    monkeypatch.setattr(process.Process, "memory", lambda self: 2**31)
     rows = replay(fake_recording(), ["endless_loop"], arms=["cold"], repeats=1, memory_limit=1.0)
     text = "killed: it took more than 1 GiB of memory"
     assert rows.loc[rows["t"] == SCENE, ["verdict", "status_text"]].to_numpy().tolist() == [
@@ -286,23 +283,16 @@ def test_the_memory_that_is_held_is_watched(monkeypatch: pytest.MonkeyPatch) -> 
     ]
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no full disk to be had")
-def test_a_sheet_on_a_full_disk_is_an_error_with_its_name(tmp_path: Path) -> None:
-    (tmp_path / "sheet").symlink_to("/dev/full")
-    with pytest.raises(OSError, match=r"No space left on device.*sheet"):
-        Sheet(tmp_path / "sheet", Layout(SIZES))
-
-
 def test_a_server_that_cannot_be_started_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(live_process, "_servers", threading.local())
+    monkeypatch.setattr(process, "_servers", threading.local())
     monkeypatch.setattr(sys, "executable", "/bin/false")
-    with pytest.raises(live_process.IsolationError, match="the server of processes ended"):
+    with pytest.raises(process.IsolationError, match="the server of processes ended"):
         replay(fake_recording(), ["Honest"], arms=["cold"], repeats=1)
 
 
 def test_without_fork_the_study_runs_in_our_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr(os, "fork")
-    monkeypatch.setattr(isolate.Block, "do_pass", None)
+    monkeypatch.setattr(isolate, "Apart", None)
     rows = replay(fake_recording(), ["Honest"], arms=["cold"], repeats=1)
     assert (rows["verdict"] == "verified").all()
 
@@ -320,78 +310,100 @@ def test_what_is_spent_inside_calls_is_kept(tmp_path: Path) -> None:
         read_spent(tmp_path)
 
 
-SIZES = [3, 0, 2]
+KINDS = ["two_sided", "sparse_columns", "empty", "fixed_rows"]
 
 
-@pytest.fixture
-def sheet(tmp_path: Path) -> Iterator[Sheet]:
-    sheet = Sheet(tmp_path / "sheet", Layout(SIZES))
-    yield sheet
-    sheet.close()
-    assert not sheet.path.exists()
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("sparse", [False, True])
+def test_a_question_comes_as_it_was_asked(kind: str, sparse: bool) -> None:
+    qp, _ = random_qp(kind, 3)
+    A = sp.csc_array(qp.dense_A) if sparse else qp.dense_A
+    V = np.arange(2.0 * qp.k).reshape(2, qp.k)
+    qp = replace(qp, A=A, generators=V, kind="impulse", accepted=False, t=-0.1, eps0=1e-7)
+    x = np.arange(float(qp.k)) if sparse else None
+    found = unpacked(packed(Question(7, qp, x, alone=True, fresh=True)))
+    assert (found.number, found.alone, found.fresh) == (7, True, True)
+    assert (found.reference is None) == (x is None)
+    for name, value in vars(qp).items():
+        other = getattr(found.qp, name)
+        if sp.issparse(value):
+            assert other.indices.dtype == value.indices.dtype
+            np.testing.assert_array_equal(other.toarray(), value.toarray())
+            value, other = value.data, other.data
+        if isinstance(value, np.ndarray):
+            np.testing.assert_array_equal(other, value, err_msg=name)
+            assert other.dtype == value.dtype and not other.flags.writeable
+        else:
+            assert other == value
 
 
-def test_a_sheet_gives_back_what_was_written(sheet: Sheet) -> None:
-    pen = Pen(sheet.path, Layout(SIZES))
-    first = Outcome(None, np.arange(3.0), True, "SOLVED", "µ" * 300, 7, WorkCounts(1, 2), True)
-    second = Outcome("skipped", status_text="no\nimpulses", after_restart=True)
-    assert sheet.position() == -1 and sheet.read() == {}
-    pen.begin(0)
-    pen.end(0, first, np.arange(4.0))
-    pen.begin(2)
-    pen.end(2, second, np.full(4, np.nan))
-    assert sheet.position() == 2
-    found = sheet.read()
-    assert set(found) == {0, 2}
-    outcome, times = found[0]
-    np.testing.assert_array_equal(outcome.x, first.x)
-    np.testing.assert_array_equal(times, np.arange(4.0))
-    assert outcome.status_text == "µ" * 200
+def test_an_answer_comes_as_it_was_given() -> None:
+    x, counts = np.arange(3.0), WorkCounts(1, 2)
+    first = Outcome(None, x, True, "SOLVED", "µ" * 300, 7, counts, True)
+    second = Outcome("skipped", status_text="no\nimpulses")
+    question = packed(Question(0, random_qp("two_sided", 0)[0]))
+    answer = answered(question, first, (1.0, 2.0, 3.0, 4.0), 3)
+    assert len(answer) == answer_size(3) and answer[:8] == question[:8]
+    found, told = outcome_of(answer)
+    np.testing.assert_array_equal(found.x, x)
+    assert found.status_text == "µ" * 200 and told == (1.0, 2.0, 3.0, 4.0)
     for name in ("verdict", "found", "status", "iterations", "work", "warm_started"):
-        assert getattr(outcome, name) == getattr(first, name)
-    outcome, times = found[2]
-    assert outcome.x is None and outcome.iterations is None and outcome.work is None
-    assert (outcome.verdict, outcome.status_text) == ("skipped", "no impulses")
-    assert outcome.after_restart and np.isnan(times).all()
-    sheet.clear()
-    assert sheet.position() == -1 and sheet.read() == {}
+        assert getattr(found, name) == getattr(first, name)
+    found, told = outcome_of(answered(question, second, (np.nan,) * 4, 3))
+    assert found.x is None and found.iterations is None and found.work is None
+    assert (found.verdict, found.status_text) == ("skipped", "no impulses")
+    assert np.isnan(told).all()
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_whatever_stands_in_a_sheet_is_outcomes(sheet: Sheet, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    content = rng.bytes(rng.integers(0, HEADER + 4 * ROW.itemsize))
-    sheet.path.write_bytes(content)
-    assert -1 <= sheet.position() < 3
-    for index, (outcome, times) in sheet.read().items():
-        assert outcome.verdict in (None, *SETTLED[1:]) and times.shape == (4,)
-        assert outcome.x is None or outcome.x.shape == (SIZES[index],)
+def test_whatever_stands_in_an_answer_is_an_outcome(seed: int) -> None:
+    found, told = outcome_of(np.random.default_rng(seed).bytes(answer_size(3)))
+    assert found.verdict in (None, *SETTLED[1:]) and len(told) == 4
+    assert found.x is None or found.x.shape == (3,)
 
 
-def test_clocks_are_believed_within_bounds() -> None:
-    honest = [1e-6, 1e-6, 5e-6, 2e-5]
-    times = np.array(
-        [
-            honest,
-            [1e-6, -1e-6, 5e-6, 2e-5],
-            [1e-6, 1e-6, np.inf, 2e-5],
-            [1e-6, np.nan, 5e-6, 2e-5],
-            [1e-6, 0.0, 0.0, 2e-5],
-            [1e-6, 1e-6, 5e-5, 2e-5],
-            [1e-6, 1e-6, 5e-6, 1.0],
-            [0.4, 0.1, 0.1, 1.0],
-            [np.nan, np.nan, np.nan, 1.0],
-            [1e-6, 1e-6, 5e-6, -1.0],
-        ]
-    )
-    cleared, impossible = believed(times)
-    assert impossible == [1, 2, 3, 4, 5, 9]
-    believed_ones = [0, 7]
-    np.testing.assert_array_equal(cleared[believed_ones], times[believed_ones])
-    others = np.setdiff1d(np.arange(10), believed_ones)
-    assert np.isnan(cleared[others, :3]).all()
-    np.testing.assert_array_equal(cleared[:9, 3], times[:9, 3])
-    assert np.isnan(cleared[9, 3])
+NO_TIME = Asking(np.zeros((1, 2)), np.zeros(2))
+
+
+def count(
+    *times: float, asking: Asking = NO_TIME, stranger: bool = False
+) -> tuple[list[float], bool]:
+    """What counts of build, setup, solve, call, wall, waited, cpu [µs]; if stages are absurd."""
+    found, absurd = counted(1e-6 * np.array([times]), asking, stranger)
+    return (1e6 * found[0]).round(6).tolist(), bool(absurd)
+
+
+def test_what_is_told_counts_where_it_explains_what_is_seen() -> None:
+    assert count(5, 1, 4, 12, 30, 0, 12) == ([5, 1, 4, 12, 0], False)
+    assert count(5, 1, 4, 12, 930, 910, 12) == ([5, 1, 4, 12, 0], False)  # it had to wait
+    asking = Asking(np.array([[9e-4, 0.0]]), np.zeros(2))
+    assert count(5, 1, 4, 12, 930, 0, 12, asking=asking) == ([5, 1, 4, 12, 0], False)
+    assert count(5, 1, 4, 12, 30, 0, 12, stranger=True) == ([0, 6, 4, 12, 0], False)
+
+
+def test_what_is_seen_and_not_told_is_charged() -> None:
+    assert count(500, 100, 400, 1300, 1300, 0, 1300) == ([500, 100, 400, 1300, 300], False)
+    assert count(500, 100, 400, 1000, 1300, 0, 1000) == ([500, 100, 400, 1300, 300], False)
+    assert count(500, 100, 400, 1000, 1000, 0, 1500) == ([500, 100, 400, 1500, 500], False)
+
+
+@pytest.mark.parametrize(
+    ("own", "absurd"),
+    [
+        ((0, 0, 0.001), False),
+        ((1, -1, 5), True),
+        ((1, 1, np.inf), True),
+        ((1, np.nan, 5), True),
+        ((1, 0, 0), True),
+        ((1, 1, 5000), True),
+        ((np.nan, np.nan, np.nan), False),
+    ],
+)
+def test_where_nothing_can_be_believed_the_whole_call_is_charged(own: Any, absurd: bool) -> None:
+    found, told = count(*own, 1000, 1010, 0, 1000)
+    assert np.isnan(found[:3]).all() and found[3:] == [1000, 0] and told == absurd
+    for call in (-1.0, np.nan, np.inf, 0.0):
+        assert count(*own, call, 1010, 0, 1000)[0][3:] == [1010, 0]
 
 
 def test_causes_of_death_have_names() -> None:

@@ -15,10 +15,10 @@ from harness.machine.machine import (
     machine,
     machine_label,
     problems_version,
-    solver_version,
     source_hash,
 )
 from harness.machine.threads import VARIABLES, ask_for_one_thread, one_thread, threads_asked_for
+from harness.processes.introduction import solver_version
 
 
 def test_no_host_names_and_no_paths() -> None:
@@ -31,7 +31,7 @@ def test_no_host_names_and_no_paths() -> None:
 
 
 def test_versions_name_the_package_and_our_source() -> None:
-    assert solver_version("lotstedt").startswith("glambda ")
+    assert solver_version("glambda").startswith("glambda ")
     assert "scipy " in solver_version("scipy_bvls") and "(source " in solver_version("scipy_bvls")
     assert solver_version("lotstedt[exact_qr]") == solver_version("lotstedt")
     assert set(library_versions()) >= {"glambda", "numpy", "scipy"}

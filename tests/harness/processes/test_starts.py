@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -13,10 +14,12 @@ from harness import replay
 from harness.judging.facts import facts_of, setting_name
 from harness.passes.measure import run_pass
 from harness.passes.starts import EVERY_ARM, Starts, after_restart, has_arm, order_of
+from harness.passes.wire import Question
 from harness.recordings.recording import Reference
 from harness.study.replay import reproduce
 from problems.qp import FREE, ContactQP, Solution
 from solvers import make_solver
+from solvers.base import Solver
 from solvers.baselines.velocity import Velocity
 from solvers.registry import solver_class
 from tests.fakes.fake_recordings import fake_recording, solution_of
@@ -37,14 +40,32 @@ class Adopting(Velocity):
         return f"{memory}, adopted"
 
 
-def walk(arm: str, qps: list[ContactQP], answers: list[np.ndarray]) -> dict[int, Solution | None]:
-    """The start that an arm hands over for each QP, the solver answering as told."""
-    starts = Starts(Adopting(), arm, qps)
-    given = {}
-    for i in starts.order:
-        given[i] = starts.of(i)
-        starts.take(i, solution_of(qps[i], answers[i], memory=f"of {i}"))
+def walk(
+    arm: str,
+    qps: Sequence[ContactQP],
+    answer: Callable[[int, Solution | None], Solution],
+    references: Sequence[Reference | None] | None = None,
+    solver: Solver | None = None,
+) -> dict[int, Solution | None]:
+    """The start that an arm hands over for each QP; `answer(i, start)` is the solver's."""
+    solver = solver or Adopting()
+    starts, alone, given = Starts(solver, arm), after_restart(qps), {}
+    for position, i in enumerate(order_of(arm, len(qps))):
+        known = references[i] if references is not None else None
+        x = None if known is None else known.x
+        start, adopt = starts.of(Question(i, qps[i], x, bool(alone[i]), position == 0))
+        if start is not None and adopt:
+            start = replace(start, memory=solver.adopt(start.memory, start))
+        given[i] = start
+        starts.take(qps[i], answer(i, start))
     return given
+
+
+def told(
+    qps: Sequence[ContactQP], x: Sequence[np.ndarray]
+) -> Callable[[int, Solution | None], Solution]:
+    """Answers x, with the number of the QP in its memory."""
+    return lambda i, start: solution_of(qps[i], x[i], memory=f"of {i}")
 
 
 def numbered(qps: list[ContactQP]) -> list[np.ndarray]:
@@ -58,7 +79,7 @@ def first_entries(given: dict[int, Solution | None]) -> list[float | None]:
 
 def test_how_far_back() -> None:
     qps = stretch([0.1 * i for i in range(22)])
-    answers = numbered(qps)
+    answers = told(qps, numbered(qps))
     nothing: list[float | None] = [None]
     assert first_entries(walk("cold", qps, answers)) == nothing * 22
     for arm in ("warm", "bare"):
@@ -69,8 +90,8 @@ def test_how_far_back() -> None:
 
 def test_memory_is_that_of_the_last_solve_and_is_told_where_x_is_another() -> None:
     qps = stretch([0.1 * i for i in range(8)])
-    for arm in ("warm", "bare", "extrapolated", "stale5", "corrupted"):
-        given = walk(arm, qps, numbered(qps))
+    for arm in ("warm", "bare", "kept", "extrapolated", "stale5", "corrupted"):
+        given = walk(arm, qps, told(qps, numbered(qps)))
         handed = {i: s.memory for i, s in given.items() if s is not None}
         assert len(handed) == (3 if arm == "stale5" else 7)
         for i, memory in handed.items():
@@ -85,22 +106,47 @@ def test_a_stretch_ends_at_a_restart_and_impulses_stand_apart(arm: str) -> None:
     qps[2] = replace(qps[2], kind="impulse")
     known = Reference(np.zeros(qps[0].k), np.zeros(qps[0].m), 0.0)
     references = [known] * 30
-    starts = Starts(Adopting(), arm, qps, references)
-    for i, answer in enumerate(numbered(qps)):
-        start = starts.of(i)
+    for i, start in walk(arm, qps, told(qps, numbered(qps)), references).items():
         if i in (0, 2, 24):
             assert start is None
-        elif start is not None and arm not in ("exact", "corrupted"):
+        elif start is not None and arm not in ("exact", "corrupted", "kept"):
             assert start.x[0] != 2.0  # not from the impulse
             assert i < 24 or start.x[0] >= 24
-        starts.take(i, solution_of(qps[i], answer))
     assert np.flatnonzero(after_restart(qps)).tolist() == [0, 24]
+
+
+def test_kept_is_cold_but_for_the_memory() -> None:
+    qps = stretch([0.1 * i for i in range(3)])
+    given = walk("kept", qps, told(qps, numbered(qps)))
+    assert given[0] is None
+    for i in (1, 2):
+        np.testing.assert_array_equal(given[i].x, np.clip(0.0, qps[i].lower, qps[i].upper))
+        assert (given[i].working_set == FREE).all()
+        assert given[i].memory == f"of {i - 1}, adopted"
+
+
+@pytest.mark.parametrize("name", ["glambda", "lotstedt"])
+def test_a_kept_workspace_does_the_work_of_a_cold_solve(name: str) -> None:
+    solver, qps, compared = make_solver(name), scene_recording("fig5").qps[:80], []
+
+    def compare(i: int, start: Solution | None) -> Solution:
+        qp = qps[i]
+        kept, cold = solver.solve(qp, start), solver.solve(qp)
+        if start is not None:
+            assert np.shares_memory(kept.memory.S, start.memory.S)
+            assert kept.iterations == cold.iterations
+            assert np.linalg.norm(qp.A @ (kept.x - cold.x)) <= 2 * qp.eps0
+            compared.append(qp.k > 0)
+        return kept
+
+    walk("kept", qps, compare, solver=solver)
+    assert sum(compared) > 20
 
 
 def test_extrapolation_is_linear_in_time_and_stands_where_time_stands() -> None:
     qps = stretch([0.0, 0.1, 0.1, 0.4, 0.2])
     x = [np.full(qp.k, value) for qp, value in zip(qps, [1.0, 2.0, 3.0, 7.0, 0.0], strict=True)]
-    given = first_entries(walk("extrapolated", qps, x))
+    given = first_entries(walk("extrapolated", qps, told(qps, x)))
     # 1: one solution only; 2: no time has passed; 3: from t = 0 and the later one of t = 0.1;
     # 4: time went back
     assert given == [None, 1.0, 2.0, pytest.approx(3.0 + 3 * (3.0 - 1.0)), 7.0]
@@ -113,7 +159,7 @@ def test_extrapolation_maps_rows() -> None:
     new = np.r_[10**6, qps[0].row_id[1:]]
     qps[0] = replace(qps[0], row_id=new)
     before, last = np.arange(k, dtype=float), np.full(k, 100.0)
-    start = walk("extrapolated", qps, [before, last, last])[2]
+    start = walk("extrapolated", qps, told(qps, [before, last, last]))[2]
     expected = 2 * last - before[::-1]
     expected[-1] = 100.0  # unknown before
     np.testing.assert_allclose(start.x, expected)
@@ -122,7 +168,7 @@ def test_extrapolation_maps_rows() -> None:
 def test_the_corrupted_start_is_far_off_feasible_and_the_same_for_all() -> None:
     qps = stretch([0.0, 0.1, 0.2])
     answers = [np.full(qp.k, 2.0) for qp in qps]
-    once, again = (walk("corrupted", qps, answers) for _ in range(2))
+    once, again = (walk("corrupted", qps, told(qps, answers)) for _ in range(2))
     for i in (1, 2):
         start = once[i]
         assert np.linalg.norm(start.x - 2.0) == pytest.approx(np.linalg.norm(answers[i]))
@@ -131,31 +177,31 @@ def test_the_corrupted_start_is_far_off_feasible_and_the_same_for_all() -> None:
     assert not np.array_equal(once[1].x, once[2].x)
     free, _ = random_qp("bilateral", 0)
     qps = [replace(free, t=t, restart=t == 0) for t in (0.0, 0.1)]
-    start = walk("corrupted", qps, [np.ones(free.k)] * 2)[1]
+    start = walk("corrupted", qps, told(qps, [np.ones(free.k)] * 2))[1]
     for bound, member in ((free.lower, -1), (free.upper, 1)):
         assert not (start.working_set[np.isinf(bound)] == member).any()
 
 
 def test_exact_starts_from_the_reference_and_its_working_set() -> None:
     made = fake_recording()
-    starts = Starts(Adopting(), "exact", made.qps, made.references)
+    zeros, alone = [np.zeros(qp.k) for qp in made.qps], after_restart(made.qps)
+    given = walk("exact", made.qps, told(made.qps, zeros), made.references)
     for i, (qp, known) in enumerate(zip(made.qps, made.references, strict=True)):
-        start = starts.of(i)
-        if qp.kind == "step" and not starts.alone[i] and known is not None:
+        start = given[i]
+        if qp.kind == "step" and not alone[i] and known is not None:
             np.testing.assert_array_equal(start.x, known.x)
             assert (
                 (start.working_set == FREE) == (qp.lower < known.x) & (known.x < qp.upper)
             ).all()
         else:
             assert start is None
-        starts.take(i, solution_of(qp, np.zeros(qp.k)))
 
 
 def test_shuffled_visits_all_once_and_starts_from_the_last_visited() -> None:
     qps = stretch([0.1 * i for i in range(12)])
     order = order_of("shuffled", 12)
     assert sorted(order) == list(range(12)) and order != list(range(12))
-    given = walk("shuffled", qps, numbered(qps))
+    given = walk("shuffled", qps, told(qps, numbered(qps)))
     assert given[order[0]] is None
     for before, now in pairwise(order):
         assert given[now].x[0] == before
@@ -166,12 +212,12 @@ def test_outcomes_of_a_shuffled_pass_are_in_the_order_of_the_qps() -> None:
     solver = make_solver("velocity")
     cold, _ = run_pass(solver, qps, arm="cold")
     shuffled, times = run_pass(solver, qps, arm="shuffled")
-    assert np.isfinite(times).all() and len(shuffled) == len(qps)
+    assert np.isfinite(times[:, :-1]).all() and len(shuffled) == len(qps)
     for qp, one, other in zip(qps, cold, shuffled, strict=True):
         np.testing.assert_allclose(qp.A @ one.x, qp.A @ other.x, atol=1e-9 * np.abs(qp.d).max())
 
 
-@pytest.mark.parametrize("solver", ["lotstedt", "velocity", "daqp", "osqp", "proxqp", "scs"])
+@pytest.mark.parametrize("solver", ["glambda", "velocity", "daqp", "osqp", "proxqp", "scs"])
 def test_every_start_leads_to_the_same_answer_and_a_better_one_to_less_work(solver: str) -> None:
     recording = scene_recording("fig4")
     names = ("qps", "references", "solutions", "mu")
@@ -187,25 +233,26 @@ def test_every_start_leads_to_the_same_answer_and_a_better_one_to_less_work(solv
     work = rows.groupby("arm")["iterations"].sum()
     assert len(shared) > 20
     assert work["exact"] < work["cold"]
-    assert work["exact"] <= work["bare"] <= work["corrupted"]
+    if solver != "proxqp":  # a new workspace of ProxQP's is not told multipliers of a box
+        assert work["exact"] <= work["bare"] <= work["corrupted"]
     assert work["warm"] <= work["corrupted"]
 
 
 def test_who_has_which_arms() -> None:
-    assert all(has_arm(solver_class("lotstedt"), arm) for arm in EVERY_ARM)
+    assert all(has_arm(solver_class("glambda"), arm) for arm in EVERY_ARM)
     assert [arm for arm in EVERY_ARM if has_arm(solver_class("clarabel"), arm)] == [
         *("cold", "warm", "shuffled")
     ]
     assert [arm for arm in EVERY_ARM if has_arm(solver_class("quadprog"), arm)] == ["cold"]
-    with pytest.raises(ValueError, match="arm 'tepid' is unknown; choose from cold, warm, exact"):
-        has_arm(solver_class("lotstedt"), "tepid")
+    with pytest.raises(ValueError, match="arm 'tepid' is unknown; choose from cold, kept, warm"):
+        has_arm(solver_class("glambda"), "tepid")
 
 
 @pytest.mark.parametrize("arm", ["shuffled", "stale5", "exact"])
 def test_a_row_of_any_arm_can_be_had_again(arm: str) -> None:
     made = fake_recording(length=12)
-    rows = replay(made, ["lotstedt"], ["1e-4"], [arm], repeats=1).set_index("step")
-    row = reproduce(made, "lotstedt", "1e-4", arm, 8)
+    rows = replay(made, ["glambda"], ["1e-4"], [arm], repeats=1).set_index("step")
+    row = reproduce(made, "glambda", "1e-4", arm, 8)
     for name in ("verdict", "glambda_error", "asked", "warm_started", "descent_directions"):
         assert row[name] == rows.loc[8, name]
 
@@ -227,7 +274,7 @@ def test_other_settings_are_refused(given: str) -> None:
         setting_name(given)
 
 
-@pytest.mark.parametrize("solver", ["lotstedt", "daqp", "osqp", "proxqp", "scs"])
+@pytest.mark.parametrize("solver", ["glambda", "daqp", "osqp", "proxqp", "scs"])
 def test_an_adopted_memory_starts_as_if_there_were_none(solver: str) -> None:
     """What counts is x and the working set that are handed over, not those of the memory."""
     chosen = make_solver(solver, accuracy=1e-9)
@@ -237,7 +284,7 @@ def test_an_adopted_memory_starts_as_if_there_were_none(solver: str) -> None:
     bare = chosen.solve(qp, replace(right, memory=None))
     adopted = chosen.solve(qp, replace(right, memory=chosen.adopt(last.memory, right)))
     assert adopted.found and bare.found
-    if solver == "lotstedt":
+    if solver == "glambda":
         assert adopted.work == bare.work
         np.testing.assert_array_equal(adopted.x, bare.x)
     else:

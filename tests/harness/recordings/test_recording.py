@@ -341,7 +341,7 @@ def test_contradictions_are_refused_even_if_signed(file: Path) -> None:
         ("code_version", h5py.Empty("S1"), "code_version: has type"),
         ("code_version", np.zeros(7000), "code_version: has type float64 and shape (7000,)"),
         ("eps", "0.001", "eps: has type"),
-        ("eps", float("nan"), "eps: is nan; it must be finite"),
+        ("eps", float("inf"), "eps: is inf; it must be finite"),
         ("gravity", float("inf"), "gravity: is inf; it must be finite"),
     ],
 )

@@ -17,7 +17,7 @@ from harness.results.changes import compare_results
 from harness.results.shard_file import TIMES
 from harness.results.store import Shard, ShardKey, Store, StoreError
 
-SOLVERS = ("daqp", "lotstedt", "osqp", "piqp")
+SOLVERS = ("daqp", "glambda", "osqp", "piqp")
 ARMS = ("cold", "warm")
 QPS = 40
 
@@ -36,7 +36,7 @@ def shard(of: ShardKey, seed: int) -> Shard:
             "found": True,
             "verdict": "verified",
             "iterations": 5 + i % 3,
-            "flops": 100 * (1 + i) if of.solver == "lotstedt" else None,
+            "flops": 100 * (1 + i) if of.solver == "glambda" else None,
         }
         for i in range(QPS)
     ]
@@ -110,10 +110,10 @@ def test_a_slowdown_of_a_fifth_is_found(before: Path, tmp_path: Path) -> None:
 def test_a_rise_of_work_counts_is_found(
     before: Path, tmp_path: Path, rise: float, risen: bool
 ) -> None:
-    more = only("lotstedt", lambda m: with_rows(m, flops=lambda i, n: int(rise * n)))
+    more = only("glambda", lambda m: with_rows(m, flops=lambda i, n: int(rise * n)))
     changes = compare_results(before, write(tmp_path / "after", 2, more))
     assert set(changes.counts["work"]) == {"flops"}
-    assert set(changes.counts["solver"]) == {"lotstedt"}
+    assert set(changes.counts["solver"]) == {"glambda"}
     assert (changes.counts["risen"] == risen).all()
     assert changes.regressions == (["2 risen work counts"] if risen else [])
 

@@ -80,7 +80,7 @@ def test_what_is_there_is_not_measured_again(tmp_path: Path) -> None:
     assert len(again) == 6
 
 
-@pytest.mark.parametrize("changed", ["problems", "lotstedt", "harness", "machine"])
+@pytest.mark.parametrize("changed", ["problems", "glambda", "harness", "machine"])
 def test_rows_of_other_code_or_another_machine_are_refused(tmp_path: Path, changed: str) -> None:
     measure([claim()], tmp_path)
     other = claim()

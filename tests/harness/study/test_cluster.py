@@ -13,7 +13,8 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from harness.machine.machine import problems_version, solver_version
+from harness.machine.machine import problems_version
+from harness.processes.introduction import solver_version
 from harness.recordings.recording import write_recording
 from harness.results.store import TIMES as SHARD_TIMES
 from harness.results.store import read_results
@@ -23,7 +24,7 @@ from tests.fakes.fake_recordings import fake_recording
 
 pytest.importorskip("distributed")
 
-SOLVERS = ("lotstedt", "scipy_bvls")
+SOLVERS = ("glambda", "scipy_bvls")
 SETTINGS = ("paper", "high")
 ARMS = ("cold", "warm")
 TIMES = ("runtime", "runtime_median", *SHARD_TIMES)

@@ -16,7 +16,7 @@ from problems.bodies.bodies import box
 from problems.scenes import registry as scenes
 from solvers import make_solver
 from solvers import registry as solvers
-from solvers.active_set.method import Lotstedt
+from solvers.active_set.lotstedt import Lotstedt
 
 SOLVERS, SCENES = "glambda.solvers", "glambda.scenes"
 NO_SOLVER = "not a class"
@@ -49,7 +49,7 @@ def declared(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, dict[str, st
 
 
 def test_plug_ins_are_listed_and_made(declared: dict[str, dict[str, str]]) -> None:
-    declared[SOLVERS]["mine"] = "solvers.active_set.method:Lotstedt"
+    declared[SOLVERS]["mine"] = "solvers.active_set.lotstedt:Lotstedt"
     declared[SCENES]["lone"] = "tests.harness.study.test_plugins:lone_box"
     assert "mine" in CliRunner().invoke(app, ["solvers"]).stdout
     listed = CliRunner().invoke(app, ["scenes"]).stdout

@@ -61,13 +61,13 @@ def conjugate_gradients(
     A : (m, f), f > 0, of full column rank; not modified
     R : (f, f) upper triangular preconditioner in Fortran order, or None for none
     b : (m,); not modified
-    limit : give up, `converged` false, when this many iterations were not enough
+    limit : give up, `converged` false, when the next iteration would exceed it
     """
     p, s = np.zeros(A.shape[1]), b.copy()
     v = s @ A
     iterations, q, gamma = 0, p, 1.0
     while sqrt(v @ v) > tolerance:
-        if iterations >= limit:
+        if iterations + 1 > limit:
             return LeastSquares(p, s, iterations, False)
         g = v if R is None else solve_RT(R, v)
         gamma, before = float(g @ g), gamma

@@ -18,9 +18,8 @@ A_F, its x kept as it is.  Contacts that share a load redundantly make P.
 Most QPs end after one descent direction, because F of the previous step is right.
 
 R is the previous step's where there is one, and (3.19) is solved by conjugate gradients that it
-preconditions (`conjugate_gradients`), to ‖v‖ ≤ ε₀/‖R⁻¹‖ (3.20).  When a direction is not found in
-(2 C_QR/C_IT)^½ iterations, rounded up, A_F is factorized anew at once.  Impulses work with exact Q
-and R.
+preconditions (`conjugate_gradients`), to ‖v‖ ≤ ε₀/‖R⁻¹‖ (3.20).  Where the iterations would exceed
+(2 C_QR/C_IT)^½, A_F is factorized anew at once.  Impulses work with exact Q and R.
 
 This differs from the paper:
 
@@ -117,8 +116,8 @@ class Lotstedt(Solver):
 
     variant : one of `VARIANTS`
     interval : factorize anew every so many QPs, instead of by the criterion; 0: by the criterion
-    cg_limit : a direction not found in so many iterations (rounded up) calls for a new
-        factorization; None: the paper's (2 C_QR/C_IT)^½
+    cg_limit : a direction whose iterations would exceed it calls for a new factorization; None: the
+        paper's (2 C_QR/C_IT)^½
     iteration_limit : passes of the main loop before giving up; None: 50 + 20 k
     """
 

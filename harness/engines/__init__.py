@@ -1,0 +1,1 @@
+"""QPs that other engines pose, recorded from their own motions."""

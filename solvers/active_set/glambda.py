@@ -1,0 +1,94 @@
+"""Our own method, built on the paper's algorithm 2; the default everywhere.
+
+From the paper (Lötstedt 1984, §3.2) it takes algorithm 2 itself, steps 1 to 9, with the sets F, X
+and P and the start from the previous working set (`method`), and for large QPs the old R that
+preconditions conjugate gradients, ended by (3.20).
+
+Not from the paper is what outlives a QP, which goes by size, and when R is given up:
+
+1. Up to `CROSSOVER` columns F and x only, and no conjugate gradients.  A_F is factorized anew at
+   every QP, by normal equations while nothing is in the way (`settled`), by QR otherwise.
+2. Beyond, where A is dense, R as in the paper, but given up by the online rule (`online_rule`) and
+   not by (2 C_QR/C_IT)^½.
+3. Beyond, where A is sparse, a sparse R by Cholesky, given up by the online rule; x of the start is
+   extrapolated; F may hold dependent columns, so that there is no P; many rows change sides at
+   once (`sparse.loop`).
+4. Up to `SMALL_CALLS` columns whole steps and collisions are taken in one call.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from problems.qp import Solution, Status
+from problems.qp_kernel import CompiledMethod, Room
+from solvers.active_set.loop import CUSTOM, EXTRAPOLATED, ONLINE, SETTLED, TODAYS_QR, solve
+from solvers.active_set.method import CROSSOVER, ActiveSet, Modes, dense_room
+from solvers.active_set.workspace import (
+    COUNTS,
+    OLD_K,
+    OLD_MEMBER,
+    OLD_ROW,
+    Workspace,
+    X,
+    make_workspace,
+)
+from solvers.base import Start, usable
+
+SMALL_CALLS = 96
+"""Columns up to which whole steps and collisions are taken in one call."""
+
+
+@dataclass(frozen=True)
+class Glambda(ActiveSet):
+    """Our active-set method: today's factorization if small, else an old R by the online rule.
+
+    iteration_limit : passes of the main loop before giving up; None: 50 + 20 k
+
+    Raises ValueError for a negative limit.
+    """
+
+    name: ClassVar[str] = "glambda"
+
+    def modes(self) -> Modes:
+        """By size, see the module's list."""
+        mode = ONLINE if self.iteration_limit is None else ONLINE | CUSTOM
+        return Modes(mode | TODAYS_QR | SETTLED, mode, mode | EXTRAPOLATED, CROSSOVER)
+
+    def compiled(self, k: int) -> CompiledMethod | None:
+        """Algorithm 2 for whole steps and collisions in one call, up to `SMALL_CALLS` columns.
+
+        With today's factorization also somewhat beyond `CROSSOVER`: what a step costs in Python is
+        more than what a kept R would save.
+        """
+        mode = self._modes.small
+        return None if mode & CUSTOM or k > SMALL_CALLS else CompiledMethod(solve.address, mode)
+
+    def room(self, m: int, k: int, eps0: float, start: Solution | None) -> Room:
+        """A workspace for m rows and k columns, with what `start` remembers."""
+        asked = eps0 if self.accuracy is None else self.accuracy
+        eps0 = -1.0 if asked == "default" else float(asked)
+        start = usable(start)
+        if start is None or start.x is None:
+            room = make_workspace(m, k)
+        else:
+            room = start.memory
+            if type(room) is not Workspace or room.n < k or room.n < m:
+                before = Start(start.x, start.working_set, start.row_id, start.memory)
+                room = dense_room(m, k, before)
+        return Room(room.S, room.I, eps0, start is not None)
+
+    def last_answer(self, room: Room) -> Solution:
+        """What was solved last in a room."""
+        S, I = room.S, room.I
+        last = max(int(I[COUNTS, OLD_K]), 0)
+        return Solution(
+            x=S[X, :last].copy(),
+            row_id=I[OLD_ROW, :last].copy(),
+            status=Status.SOLVED,
+            working_set=I[OLD_MEMBER, :last].astype(np.int8),
+            memory=Workspace(S, I, S.shape[1]),
+        )

@@ -1,0 +1,8 @@
+"""Names of what solves by algorithm 2: our method, the paper's and its variants."""
+
+from __future__ import annotations
+
+from harness.names import METHOD, PAPER
+from solvers.active_set.lotstedt import VARIANTS
+
+METHODS = (METHOD, *(f"{PAPER}[{variant}]" if variant else PAPER for variant in VARIANTS))
