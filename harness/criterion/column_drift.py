@@ -39,7 +39,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from problems.qp import ContactQP, Vector, positions_of
-from solvers.active_set.sparse.direction import FIRST_SHIFT
+from solvers.active_set.tolerances import FIRST_SHIFT
 from solvers.active_set.unit_costs import goes_sparse
 
 AGES = (1, 2, 3, 5, 8, 12, 18, 25, 40, 60, 100)

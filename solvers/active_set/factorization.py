@@ -15,14 +15,9 @@ from __future__ import annotations
 
 from math import hypot, sqrt
 
-import numpy as np
-
 from solvers.active_set.compiled import kernel
+from solvers.active_set.tolerances import SUSPECT, UNIT_ROUNDOFF
 from solvers.active_set.workspace import LANES, N_FLOAT_ROWS, NORM2, TAU, F, V, Y
-
-UNIT_ROUNDOFF = 0.5 * float(np.finfo(np.float64).eps)
-SUSPECT = 1e-4
-"""Below a pivot like this `karasalo_bound` decides the rank; above, ten digits are to spare."""
 
 
 @kernel

@@ -16,7 +16,6 @@ from problems.qp_kernel import WARM
 from solvers.active_set.compiled import function, kernel, stage
 from solvers.active_set.conjugate_gradients import conjugate_gradients
 from solvers.active_set.factorization import (
-    UNIT_ROUNDOFF,
     apply_reflection,
     dependence_tolerance,
     inverse_norm_estimate,
@@ -38,6 +37,7 @@ from solvers.active_set.flops import (
 )
 from solvers.active_set.online_rule import forget, iterations_worth, keep_account
 from solvers.active_set.settled import solve_settled
+from solvers.active_set.tolerances import ROUNDING, SHARE
 from solvers.active_set.workspace import (
     AGE,
     BEFORE,
@@ -94,11 +94,6 @@ from solvers.active_set.workspace import (
     Y,
     Z,
 )
-
-SHARE = 0.1
-"""Part of ε₀ that the direction and the signs may each take."""
-ROUNDING = 4 * UNIT_ROUNDOFF
-"""Rounding in Δ, in units of ‖ |B||z| + |d| ‖."""
 
 OWN_SET, TODAYS_QR, NO_R, CUSTOM, ONLINE, SETTLED = 2, 4, 8, 16, 32, 64
 SCRATCH, EXTRAPOLATED, DEFERRED = 128, 256, 1024

@@ -15,6 +15,7 @@ from math import sqrt
 from problems.qp import AT_LOWER, AT_UPPER, FREE
 from solvers.active_set.compiled import kernel
 from solvers.active_set.flops import product_flops, triangular_flops
+from solvers.active_set.tolerances import LEAST_PIVOT
 from solvers.active_set.workspace import (
     COUNTS,
     DIRECTIONS,
@@ -40,8 +41,6 @@ from solvers.active_set.workspace import (
     Z,
 )
 
-LEAST_PIVOT = 1e-8
-"""Squared distance of a unit column from the span of those before; below, QR decides."""
 REFINEMENTS = 4
 
 

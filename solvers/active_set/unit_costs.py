@@ -20,10 +20,11 @@ from problems.qp import ContactQP
 from solvers.active_set.flops import cg_iteration_flops, qr_flops
 from solvers.active_set.method import CROSSOVER
 from solvers.active_set.sparse.cholesky import cholesky
-from solvers.active_set.sparse.direction import FIRST_SHIFT, iteration_flops
-from solvers.active_set.sparse.loop import lay_out
+from solvers.active_set.sparse.direction import iteration_flops
+from solvers.active_set.sparse.loop import lay_out_sparse
 from solvers.active_set.sparse.pattern import Pattern, is_narrow
 from solvers.active_set.sparse.workspace import IN_L, SparseWorkspace, make_sparse_workspace
+from solvers.active_set.tolerances import FIRST_SHIFT
 from solvers.active_set.workspace import FACTORIZATION_FLOPS, REALS
 
 
@@ -53,7 +54,7 @@ def dense_costs(m: int, f: int) -> UnitCosts:
 def sparse_costs(qp: ContactQP, free: NDArray[np.bool_], pattern: Pattern) -> UnitCosts:
     """By factorizing the free columns (k,) of A; `pattern` is that of A."""
     room = make_sparse_workspace(qp.m, pattern)
-    lay_out(pattern, qp.A.data, qp.d, qp.lower, qp.upper, room.Bx, room.S, qp.m)
+    lay_out_sparse(pattern, qp.A.data, qp.d, qp.lower, qp.upper, room.Bx, room.S, qp.m)
     room.I[IN_L, : qp.k] = free[pattern.order]
     flops = cholesky(pattern, room.Bx, room.S, room.I, room.Lx, FIRST_SHIFT)
     f = int(np.count_nonzero(free))

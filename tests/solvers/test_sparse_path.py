@@ -25,7 +25,7 @@ from solvers.active_set.sparse.cholesky import (
     solve_L,
     solve_LT,
 )
-from solvers.active_set.sparse.direction import NOISE, conjugate_gradients
+from solvers.active_set.sparse.direction import conjugate_gradients_sparse
 from solvers.active_set.sparse.loop import LEAP_AFTER
 from solvers.active_set.sparse.pattern import FEW_ZEROS, Pattern, contact_order, make_pattern
 from solvers.active_set.sparse.workspace import (
@@ -36,6 +36,7 @@ from solvers.active_set.sparse.workspace import (
     SparseWorkspace,
     make_sparse_workspace,
 )
+from solvers.active_set.tolerances import NOISE
 from solvers.active_set.workspace import GRADIENT, LOWER, RESIDUAL, UPPER, P
 from tests.fakes.assertions import assert_kkt, force_scale
 
@@ -225,7 +226,9 @@ def old_direction(noise: float, bound: float) -> tuple[int, float, float]:
     S, I = room.S, room.I
     S[RESIDUAL, :m], S[GRADIENT, :k], I[IN_F, :k] = r, B.T @ r, 1
     S[LOWER, :k], S[UPPER, :k] = -bound, bound
-    made = conjugate_gradients(room.pattern, room.Bx, room.Lx, S, I, m, 1e-12, noise, 60, False)
+    made = conjugate_gradients_sparse(
+        room.pattern, room.Bx, room.Lx, S, I, m, 1e-12, noise, 60, False
+    )
     least = -np.linalg.pinv(B, rcond=1e-10) @ r
     error = float(np.linalg.norm(B @ (S[P, :k] - least)) / np.linalg.norm(B @ least))
     return made, float(np.linalg.norm(S[P, :k]) / np.linalg.norm(least)), error

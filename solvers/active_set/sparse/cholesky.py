@@ -19,10 +19,8 @@ from math import sqrt
 from solvers.active_set.compiled import kernel
 from solvers.active_set.sparse.pattern import SLOTS
 from solvers.active_set.sparse.workspace import CHANGED, IN_L, PLACE, SPREAD, WORK
+from solvers.active_set.tolerances import DEPENDENT
 from solvers.active_set.workspace import V, Y
-
-DEPENDENT = 1e-11
-"""Squared distance of a unit column from the span of others that cannot be told from rounding."""
 
 
 @kernel

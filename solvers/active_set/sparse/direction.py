@@ -34,6 +34,7 @@ from solvers.active_set.sparse.workspace import (
     IN_L,
     LARGEST_SHIFT,
 )
+from solvers.active_set.tolerances import LEAST_SHIFT, LOWERED, NOISE, ROUGH
 from solvers.active_set.workspace import (
     AGE,
     CG_ITERATIONS,
@@ -64,12 +65,9 @@ from solvers.active_set.workspace import (
     Z,
 )
 
-FIRST_SHIFT, LEAST_SHIFT = 1e-4, 1e-10
-"""Bounds on the shift; columns are of length 1."""
 MANY = 20.0
 """Iterations on today's L beyond which the next shift is lower, by `LOWERED`, fewer where a new L
 costs less than they do; twice as many, and it is lowered at once."""
-LOWERED = 1e-2
 PER_FLOP, PER_ENTRY, PER_COLUMN = 0.37, 13.0, 83.0
 """What a factorization takes for each flop, entry and column of L, in units of 1/`PRICE` of an
 iteration's flop; measured.  The online rule, which is about time, counts so; the paper's counts
@@ -81,14 +79,10 @@ MOST_FACTORS = 8
 least, and something to spare."""
 MOST_ITERATIONS = 200
 """Conjugate gradient iterations of one direction with today's L."""
-ROUGH = 1e-3
-"""Part of the gradient at which p is looked at: if it is blocked, it is not made more accurate."""
-NOISE = 10.0
-"""vᵀy in units of (rounding in Δ)²/shift, below which it may be rounding."""
 
 
 @kernel
-def factorize(pattern, Bx, Lx, S, I, f):
+def factorize_sparse(pattern, Bx, Lx, S, I, f):
     """Today's L of the f columns in F, with the shift that they need.
 
     Row COUNTS remembers at ORDER the least size of F at which columns were dependent; a smaller F
@@ -142,7 +136,7 @@ def follow(pattern, Bx, Lx, S, I, f):
         I[COUNTS, UPDATES] += changes
         I[COUNTS, FLOPS] += cost
     if not sound:
-        factorize(pattern, Bx, Lx, S, I, f)
+        factorize_sparse(pattern, Bx, Lx, S, I, f)
 
 
 @kernel
@@ -187,7 +181,9 @@ def is_blocked(S, I, k):
 
 
 @kernel
-def conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, noise, limit, plain, bounded=True):
+def conjugate_gradients_sparse(
+    pattern, Bx, Lx, S, I, m, tolerance, noise, limit, plain, bounded=True
+):
     """Minimise ‖B_F p + r‖ over p, preconditioned by L Lᵀ, until ‖B_Fᵀ(B_F p + r)‖ ≤ tolerance.
 
     Row GRADIENT holds Bᵀ r.  p is left in row P, 0 outside F, and B_F p + r in row REMAINDER.
@@ -274,7 +270,7 @@ def direction(pattern, Bx, Lx, S, I, m, f, tolerance, rounding, mode):
     """
     given_up, worth, spent = 0, 0.0, 0
     if mode & SCRATCH and not has_todays_L(I, pattern.order.size):
-        factorize(pattern, Bx, Lx, S, I, f)
+        factorize_sparse(pattern, Bx, Lx, S, I, f)
     plain = (mode & NO_R) != 0
     if not plain:
         follow(pattern, Bx, Lx, S, I, f)
@@ -298,7 +294,7 @@ def direction(pattern, Bx, Lx, S, I, m, f, tolerance, rounding, mode):
             limit = MOST_ITERATIONS
         shift = S[REALS, SHIFT]
         noise = NOISE * rounding * rounding / shift if shift > 0.0 and not plain else 0.0
-        made = conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, noise, limit, plain)
+        made = conjugate_gradients_sparse(pattern, Bx, Lx, S, I, m, tolerance, noise, limit, plain)
         spent = made if made >= 0 else -1 - made
         I[COUNTS, CG_ITERATIONS] += spent
         I[COUNTS, FLOPS] += spent * C_IT
@@ -312,7 +308,7 @@ def direction(pattern, Bx, Lx, S, I, m, f, tolerance, rounding, mode):
             break
         given_up = max(given_up, I[COUNTS, AGE])
         I[COUNTS, DUE] = 0
-        factorize(pattern, Bx, Lx, S, I, f)
+        factorize_sparse(pattern, Bx, Lx, S, I, f)
     if mode & DEFERRED and spent > worth and I[COUNTS, DUE] == 0:
         I[COUNTS, DUE] = TOO_OLD
     return given_up

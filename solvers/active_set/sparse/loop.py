@@ -37,9 +37,7 @@ from solvers.active_set.loop import (
     NO_R,
     ONLINE,
     OWN_SET,
-    ROUNDING,
     SCRATCH,
-    SHARE,
     TODAYS_QR,
     extrapolated,
     extrapolation,
@@ -53,13 +51,10 @@ from solvers.active_set.sparse.cholesky import (
     dot,
 )
 from solvers.active_set.sparse.direction import (
-    FIRST_SHIFT,
-    LEAST_SHIFT,
     MANY,
-    NOISE,
-    conjugate_gradients,
+    conjugate_gradients_sparse,
     direction,
-    factorize,
+    factorize_sparse,
     follow,
     has_todays_L,
     is_of_this_A,
@@ -73,6 +68,7 @@ from solvers.active_set.sparse.workspace import (
     LARGEST_SHIFT,
     WORK,
 )
+from solvers.active_set.tolerances import FIRST_SHIFT, LEAST_SHIFT, NOISE, ROUNDING, SHARE
 from solvers.active_set.workspace import (
     AGE,
     BEFORE,
@@ -124,7 +120,7 @@ TENTH = 0.1
 
 
 @kernel
-def lay_out(pattern, data, d, lower, upper, Bx, S, m):
+def lay_out_sparse(pattern, data, d, lower, upper, Bx, S, m):
     """Columns of A in elimination order at length 1, bounds on z_c = ‖a_j‖ x_j."""
     order, indptr = pattern.order, pattern.indptr
     length, low, high, momentum = S[LENGTH], S[LOWER], S[UPPER], S[MOMENTUM]
@@ -154,7 +150,7 @@ def lay_out(pattern, data, d, lower, upper, Bx, S, m):
 
 
 @kernel
-def start(order, S, I, warm, own_set, w):
+def start_sparse(order, S, I, warm, own_set, w):
     """Step 1: z from the previous x, F the previous F and new rows; returns the size of F."""
     x, before, length, low, high, z = S[X], S[BEFORE], S[LENGTH], S[LOWER], S[UPPER], S[Z]
     inside, mark, previous, members = I[IN_F], I[MARK], I[PREVIOUS], I[OLD_MEMBER]
@@ -175,7 +171,7 @@ def start(order, S, I, warm, own_set, w):
 
 
 @kernel
-def take_residual(pattern, Bx, S, m):
+def take_residual_sparse(pattern, Bx, S, m):
     """r = B z + d into row RESIDUAL; returns ‖change of r‖ and the rounding in Δ."""
     Bi = pattern.Bi
     fresh, r, d, sizes, z = S[FRESH], S[RESIDUAL], S[MOMENTUM], S[WORK], S[Z]
@@ -198,7 +194,7 @@ def take_residual(pattern, Bx, S, m):
 
 
 @kernel
-def take_gradient(pattern, Bx, S, row):
+def take_gradient_sparse(pattern, Bx, S, row):
     """Bᵀ row into row GRADIENT."""
     x, gradient = S[row], S[GRADIENT]
     for c in range(pattern.order.size):
@@ -226,7 +222,7 @@ def cut_off(pattern, Bx, S, I, m, theta):
 
 
 @kernel
-def take_step(S, I, k, theta, cut):
+def take_step_sparse(S, I, k, theta, cut):
     """Steps 5 and 6: z := z + θ p, or z + p cut off; what reaches a bound leaves F.
 
     Returns how many do.  Those that entered F since A x last moved are marked as thrown back.
@@ -253,7 +249,7 @@ def take_step(S, I, k, theta, cut):
 
 
 @kernel
-def ratio_test(S, I, k):
+def ratio_test_sparse(S, I, k):
     """Step 4: θ = min(1, min τ_i) with τ_i the step to the bound ahead of z_i."""
     z, p, low, high, inside = S[Z], S[P], S[LOWER], S[UPPER], I[IN_F]
     theta = 1.0
@@ -284,20 +280,22 @@ def leap(pattern, Bx, Lx, S, I, m, f, tolerance, rounding):
         before += r[i] * r[i]
     for _ in range(LEAPS):
         if I[COUNTS, AGE] > 0:
-            factorize(pattern, Bx, Lx, S, I, f)
+            factorize_sparse(pattern, Bx, Lx, S, I, f)
         follow(pattern, Bx, Lx, S, I, f)
-        take_residual(pattern, Bx, S, m)
-        take_gradient(pattern, Bx, S, RESIDUAL)
+        take_residual_sparse(pattern, Bx, S, m)
+        take_gradient_sparse(pattern, Bx, S, RESIDUAL)
         shift = S[REALS, SHIFT]
         if shift > LEAST_SHIFT:
             break
         noise = NOISE * rounding * rounding / shift if shift > 0.0 else 0.0
-        made = conjugate_gradients(pattern, Bx, Lx, S, I, m, tolerance, noise, MANY, False, False)
+        made = conjugate_gradients_sparse(
+            pattern, Bx, Lx, S, I, m, tolerance, noise, MANY, False, False
+        )
         made = made if made >= 0 else -1 - made
         I[COUNTS, DIRECTIONS] += 1
         I[COUNTS, CG_ITERATIONS] += made
         I[COUNTS, FLOPS] += made * iteration_flops(pattern, f, m, False) + 4 * pattern.nonzeros
-        take_gradient(pattern, Bx, S, REMAINDER)
+        take_gradient_sparse(pattern, Bx, S, REMAINDER)
         changes = 0
         for c in range(k):
             if inside[c]:
@@ -311,19 +309,19 @@ def leap(pattern, Bx, Lx, S, I, m, f, tolerance, rounding):
         I[COUNTS, CHANGES] += changes
         if changes == 0:
             break
-    take_residual(pattern, Bx, S, m)
+    take_residual_sparse(pattern, Bx, S, m)
     for i in range(m):
         after += r[i] * r[i]
     if after < before:
         return f
     for c in range(k):
         z[c], inside[c] = kept_z[c], kept_f[c]
-    take_residual(pattern, Bx, S, m)
+    take_residual_sparse(pattern, Bx, S, m)
     return f_before
 
 
 @kernel
-def finish(order, row_id, lower, upper, S, I):
+def finish_sparse(order, row_id, lower, upper, S, I):
     """x in the units of the QP and the members of X, F and P; both remembered for the next QP."""
     z, x, length, low, high = S[Z], S[X], S[LENGTH], S[LOWER], S[UPPER]
     inside, members = I[IN_F], I[MEMBER]
@@ -360,11 +358,11 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
         I[COUNTS, i] = 0
     warm = (mode & WARM) != 0
     product = 2 * pattern.nonzeros
-    lay_out(pattern, data, d, lower, upper, Bx, S, m)
+    lay_out_sparse(pattern, data, d, lower, upper, Bx, S, m)
     if warm:
         map_rows(row_id, I, k)
     if eps0 < 0:
-        take_gradient(pattern, Bx, S, MOMENTUM)
+        take_gradient_sparse(pattern, Bx, S, MOMENTUM)
         eps0 = 0.0
         for c in range(k):
             eps0 = max(eps0, 1e-9 * abs(S[GRADIENT, c]))
@@ -372,7 +370,7 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
     # where columns depend on each other x is not unique, and its changes are no trend
     if warm and mode & EXTRAPOLATED and S[REALS, SHIFT] == 0.0:
         w = extrapolation(S[REALS])
-    f = start(order, S, I, warm, (mode & OWN_SET) != 0, w)  # 1.
+    f = start_sparse(order, S, I, warm, (mode & OWN_SET) != 0, w)  # 1.
     I[COUNTS, AGE] += 1
     interval = I[COUNTS, INTERVAL] if mode & CUSTOM else 0
     due = I[COUNTS, DUE] != 0 if interval == 0 else I[COUNTS, AGE] >= interval
@@ -383,9 +381,9 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
         I[COUNTS, ORDER] = k + 1
     another = mode & TODAYS_A and not is_of_this_A(Bx, k)
     if not (warm and kept) or mode & (OWN_SET | TODAYS_QR) or due or another:
-        factorize(pattern, Bx, Lx, S, I, f)
+        factorize_sparse(pattern, Bx, Lx, S, I, f)
     I[COUNTS, DUE] = 0
-    _, rounding = take_residual(pattern, Bx, S, m)  # 2.
+    _, rounding = take_residual_sparse(pattern, Bx, S, m)  # 2.
     I[COUNTS, FLOPS] += product
     passes = 50 + 20 * k
     if mode & CUSTOM and I[COUNTS, PASSES] >= 0:
@@ -397,7 +395,7 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
     patience = passes if mode & (NO_R | SCRATCH | CUSTOM) else LEAP_AFTER
 
     while True:
-        take_gradient(pattern, Bx, S, RESIDUAL)  # 7., and the right-hand side of 3.
+        take_gradient_sparse(pattern, Bx, S, RESIDUAL)  # 7., and the right-hand side of 3.
         I[COUNTS, FLOPS] += product
         slope = 0.0
         for c in range(k):
@@ -421,10 +419,10 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
                 I[COUNTS, DIRECTIONS] += 1
             age = direction(pattern, Bx, Lx, S, I, m, f, 0.5 * aim, rounding, mode)  # 3.
             given_up = max(given_up, age)
-            theta = ratio_test(S, I, k)  # 4.
+            theta = ratio_test_sparse(S, I, k)  # 4.
             cut = theta < 1.0 and cut_off(pattern, Bx, S, I, m, theta)
-            reached = take_step(S, I, k, theta, cut)  # 5., 6.
-            moved, rounding = take_residual(pattern, Bx, S, m)
+            reached = take_step_sparse(S, I, k, theta, cut)  # 5., 6.
+            moved, rounding = take_residual_sparse(pattern, Bx, S, m)
             I[COUNTS, FLOPS] += product if theta == 1.0 else 2 * product
             refining = slope if theta == 1.0 else inf
             if moved > rounding:
@@ -451,7 +449,7 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
             if sound or has_todays_L(I, k):
                 status = SOLVED if sound else INACCURATE
                 break
-            factorize(pattern, Bx, Lx, S, I, f)
+            factorize_sparse(pattern, Bx, Lx, S, I, f)
             refining = inf
             for c in range(k):
                 mark[c] = 0
@@ -477,4 +475,4 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
         keep_account(I[COUNTS], S[REALS], factorized, given_up, cost, I[COUNTS, DIRECTIONS])
     if mode & EXTRAPOLATED:
         remember_before(S, BEFORE, X, P, S[REALS], I[PREVIOUS], k, warm)
-    finish(order, row_id, lower, upper, S, I)
+    finish_sparse(order, row_id, lower, upper, S, I)

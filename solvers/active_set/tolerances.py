@@ -1,0 +1,37 @@
+"""The tolerances of our method and of the paper's, dense and sparse, each with its reason.
+
+Columns are of length 1 (`workspace`), so that lengths and cosines are pure numbers; u is the unit
+roundoff.  Numbers of iterations and prices, which decide about time alone, stand where they are
+used.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+UNIT_ROUNDOFF = 0.5 * float(np.finfo(np.float64).eps)
+"""u."""
+ROUNDING = 4 * UNIT_ROUNDOFF
+"""Rounding in Δ, in units of ‖ |B||z| + |d| ‖."""
+SHARE = 0.1
+"""Part of ε₀ that the direction and the signs may each take."""
+
+# dependence, dense: by what QR can tell, 16 u √m (`factorization.dependence_tolerance`)
+SUSPECT = 1e-4
+"""Below a pivot like this `karasalo_bound` decides the rank; above, ten digits are to spare."""
+LEAST_PIVOT = 1e-8
+"""Squared distance of a unit column from the span of those before, by normal equations, which lose
+half of the digits; below, QR decides."""
+
+# dependence, sparse: by Cholesky's L of A_FᵀA_F + shift
+DEPENDENT = 1e-11
+"""Squared distance of a unit column from the span of others that cannot be told from rounding."""
+FIRST_SHIFT, LEAST_SHIFT = 1e-4, 1e-10
+"""Bounds on the shift: conjugate gradients see to the first in a few iterations, and the last is
+what keeps pivots above `DEPENDENT`."""
+LOWERED = 1e-2
+"""The next shift, in units of the one that has taken too many iterations."""
+ROUGH = 1e-3
+"""Part of the gradient at which p is looked at: if it is blocked, it is not made more accurate."""
+NOISE = 10.0
+"""vᵀy in units of (rounding in Δ)²/shift, below which it may be rounding."""
