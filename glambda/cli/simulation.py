@@ -92,6 +92,7 @@ def simulate(
     Example:  glambda simulate fig4 --set mu_I=0.8 --solver daqp --plot fig4.png
     """
     from glambda.display import print_run
+    from glambda.kernels import compile_shown
     from harness.progress import shown
     from problems import scene as make_scene
     from problems import simulate as run_scene
@@ -99,6 +100,7 @@ def simulate(
     from problems.sequence import SimulationError
     from solvers import make_solver
 
+    compile_shown("steps", "dense")
     table = output_file(trajectory, (".csv",), "--trajectory")
     picture = output_file(plot, (".png", ".svg", ".pdf"), "--plot")
     film = output_file(animate, (".gif",), "--animate")
@@ -199,6 +201,7 @@ def recorded(
     folder: Path,
     overwrite: bool = False,
 ) -> list[tuple[Recording, Path]]:
+    from glambda.kernels import compile_shown
     from harness.progress import shown
     from harness.study.kept_recording import first_difference, how_run, kept_recording
     from harness.study.record import record as record_scene
@@ -206,6 +209,7 @@ def recorded(
     from problems import scene as make_scene
     from problems.scenes.labels import PAPER_SCENES, parse_label, parse_settings
 
+    compile_shown("steps", "dense")
     named = [parse_label(label) for label in labels or PAPER_SCENES]
     extra = parse_settings(settings or [])
     with shown("make scenes", terminal(err=True)):

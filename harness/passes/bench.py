@@ -70,14 +70,14 @@ class Bench:
             t1 = clock()
             outcome = _outcome(solution, x, start is not None)
             timing = solution.timing
-            told = timing.build, timing.setup, timing.solve, t1 - t0
+            told = timing.build, timing.setup, timing.solve, t1 - t0, timing.inside
         except Unsupported as reason:
-            return Outcome("skipped", status_text=str(reason)), (*nothing, np.nan)
+            return Outcome("skipped", status_text=str(reason)), (*nothing, np.nan, np.nan)
         except KeyboardInterrupt:
             raise
         # Any backend may raise anything, a panic of Rust or SystemExit too; the study goes on.
         except BaseException as error:
-            told = (*nothing, clock() - t0)
+            told = (*nothing, clock() - t0, np.nan)
             verdict = "crashed" if isinstance(error, FATAL) else "failed"
             text = " ".join(f"{type(error).__name__}: {error}".split())
             outcome, solution = Outcome(verdict, status_text=text), None

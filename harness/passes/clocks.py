@@ -16,8 +16,9 @@ arm in every round, just as long as the machine is as it is.
 2. What build, setup and solve leave of that call, beyond what reading an answer may take, is
    charged: it is added to runtime.  Where that is more than they are, or where they are impossible
    (negative, not finite, nothing at all, more than the call), the whole call is.
-3. The stages are those of our adapters.  Of a stranger's backend building counts as setting up:
-   where it does its work is for it to choose.
+3. The package's own clock is kept where it is within the call; it decides nothing.
+4. The stages are those of our adapters.  Of a stranger's backend building counts as setting up:
+   where it does its work is for it to choose, and its own clock is not asked.
 
 So nobody is charged less than it has taken, but for tens of microseconds.
 """
@@ -47,7 +48,7 @@ class Asking(NamedTuple):
 
     @classmethod
     def of(cls, times: Vector, before: Asking | None = None) -> Asking:
-        """That of a pass (n, 7) of nobody: of each QP the least so far, or what is usual now."""
+        """That of a pass (n, 8) of nobody: of each QP the least so far, or what is usual now."""
         times = np.nan_to_num(times)
         found = times[:, [-3, -1]]
         least = found if before is None else np.minimum(found, before.times)
@@ -56,14 +57,18 @@ class Asking(NamedTuple):
 
 
 class Counted(NamedTuple):
-    """times : (n, 5) [s] build, setup, solve, call, charged;  impossible : QPs whose stages are"""
+    """What counts of a pass.
+
+    times : (n, 6) [s] build, setup, solve, call, charged, inside
+    impossible : QPs whose stages are
+    """
 
     times: Vector
     impossible: list[int]
 
 
 def seen(times: Vector) -> Vector:
-    """(n, 2) [s] wall and CPU of a pass (n, 7); CPU that is not known is none."""
+    """(n, 2) [s] wall and CPU of a pass (n, 8); CPU that is not known is none."""
     wall, waited, cpu = times[:, -3:].T
     return np.column_stack([wall - np.minimum(waited, wall), np.nan_to_num(cpu)])
 
@@ -71,7 +76,7 @@ def seen(times: Vector) -> Vector:
 def counted(times: Vector, asking: Asking, stranger: bool = False) -> Counted:
     """What counts of the times of a pass.
 
-    times : (n, 7) [s] as in `harness.passes.limits.Pass`
+    times : (n, 8) [s] as in `harness.passes.limits.Pass`
     stranger : whether the backend is none of ours
     """
     own, call, ask = times[:, :3], times[:, 3], asking.times[:, 0]
@@ -87,10 +92,12 @@ def counted(times: Vector, asking: Asking, stranger: bool = False) -> Counted:
         charged = np.where(missing > SLACK + READING * ask, missing - READING * ask, 0.0)
         possible = (own >= 0).all(axis=1) & (own[:, 1] + own[:, 2] > 0) & (total <= call)
         gross = ~possible | (charged > total)
+        inside = np.where((times[:, 4] >= 0) & (times[:, 4] <= call), times[:, 4], np.nan)
     impossible: NDArray[np.bool_] = ~possible & ~np.isnan(own).all(axis=1)
-    found = np.column_stack([own, whole, np.where(gross, 0.0, charged)])
+    found = np.column_stack([own, whole, np.where(gross, 0.0, charged), inside])
     found[gross, :3] = np.nan
     if stranger:
         found[:, 1] += found[:, 0]
         found[:, 0] *= 0.0
+        found[:, 5] = np.nan
     return Counted(found, np.flatnonzero(impossible).tolist())

@@ -53,8 +53,8 @@ class Pass(NamedTuple):
     """What came of a pass.
 
     outcomes : one per QP
-    times : (n, 7) [s] build, setup, solve and call as told (`wire.TOLD`), and what is seen from
-        outside (`measure.SEEN`); NaN where unknown
+    times : (n, 8) [s] build, setup, solve, call and inside as told (`wire.TOLD`), and what is seen
+        from outside (`measure.SEEN`); NaN where unknown
     lost : the QPs that have cost a process
     """
 

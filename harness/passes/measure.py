@@ -100,7 +100,7 @@ class Here(Asked):
 def run_pass(
     solver: Solver, qps: Sequence[ContactQP], arm: str, **options: Any
 ) -> tuple[Sequence[Outcome], NDArray[np.float64]]:
-    """A pass in our own process: outcomes, and times (n, 7) [s] as in `Pass`.
+    """A pass in our own process: outcomes, and times (n, 8) [s] as in `Pass`.
 
     options : as for `take_pass`
     """
@@ -148,8 +148,7 @@ def take_pass(
 
 @contextmanager
 def without_litter() -> Iterator[None]:
-    """The garbage collector has run, and sleeps meanwhile."""
-    gc.collect()
+    """The garbage collector sleeps meanwhile: in a large process it takes a second."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:

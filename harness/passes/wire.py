@@ -29,8 +29,8 @@ READY = b"ready..."
 """What a process says before the first question."""
 LENGTH = 8
 """Bytes of the length that goes before a question."""
-TOLD = ("build", "setup", "solve", "call")
-"""The times that a process tells of its own solve [s]."""
+TOLD = ("build", "setup", "solve", "call", "inside")
+"""The times that a process tells of its own solve [s]; the last by the package's own clock."""
 COUNTS = tuple(WorkCounts.__dataclass_fields__)
 QUESTION = struct.Struct(f"<{TOKEN}s 8q 4d 4?4x")
 ANSWER = struct.Struct(f"<{TOKEN}s 5?3x 9s16s{TEXT}s7x q {len(COUNTS)}q {len(TOLD)}d")

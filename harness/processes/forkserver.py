@@ -26,6 +26,7 @@ from multiprocessing.connection import wait
 from pathlib import Path
 from typing import Any, NoReturn
 
+from harness.processes.cgroup import join
 from harness.processes.own_process import (
     PR_SET_CHILD_SUBREAPER,
     begin,
@@ -144,6 +145,7 @@ class Server:
         code = 1
         try:
             server = os.getppid()
+            join(order["joins"])
             begin(Path(order["folder"]))
             if os.getppid() != server:
                 os._exit(1)

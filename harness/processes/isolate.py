@@ -9,7 +9,8 @@ serves no other one.
    of a process may take `FIRST_CALL` more, since packages import and compile on their first call.
 2. **Memory.** A process, with all that it forks, may have `memory_limit` beyond what it starts
    with.  What it is refused shows as MemoryError or in what the package makes of it; beyond it, it
-   is killed.  Either way the verdict is `crashed`.
+   is killed.  Either way the verdict is `crashed`.  Where there are control groups
+   (`harness.processes.cgroup`), the system sees to this and counts the CPU of forks.
 3. **Death.** Signals, exits and babble are `crashed`, with the signal's name and the last words on
    stderr.  What was answered before is kept: it is here.
 4. **Disturbances.** A process that dies before its first QP, and a time-out while this process
@@ -204,6 +205,7 @@ class Apart(Asked):
         """End the process."""
         process, self._process = self._process, None
         if process is not None:
+            self._waited.close()
             process.kill()
 
     def _lose(self) -> None:
@@ -215,7 +217,8 @@ class Apart(Asked):
 
         Raises _Lost where it does not get ready.
         """
-        process = self._process = Process(WORK, self._arguments, self._ahead)
+        process = self._process = Process(WORK, self._arguments, self._ahead, self._memory)
+        self._waited = Waited(process.pid)
         self._called = False
         try:
             answer, *_ = self._exchange(process, b"", len(READY), STANDSTILL)
@@ -277,7 +280,7 @@ class Apart(Asked):
         """
         clock, rest, answer = time.perf_counter, memoryview(message), bytearray(size)
         got, still = 0, 0.0
-        before = waited(process.pid)
+        before = self._waited.so_far()
         began = now = clock()
         while got < size:
             try:
@@ -286,25 +289,37 @@ class Apart(Asked):
                 elif more := process.link.recv_into(memoryview(answer)[got:]):
                     got += more
                 else:
-                    raise _Lost(_loss_of(process))
+                    raise self._end_of(process)
             except TimeoutError:
                 self._look_at(process)
             except OSError:
-                raise _Lost(_loss_of(process)) from None
+                raise self._end_of(process) from None
             then, now = now, clock()
             if now - then > WATCH + STOOD_STILL and got < size:
                 still += now - then
             if got < size and now - began - still > limit:
                 text = f"killed: not back after {limit:g} s" + process.words.last()
                 raise _Lost(Loss("timeout", text, now - began))
-        return bytes(answer), (now - began, waited(process.pid) - before), still > 0
+        return bytes(answer), (now - began, self._waited.so_far() - before), still > 0
 
     def _look_at(self, process: Process) -> None:
         """Raises _Lost where a process that is waited for has taken too much."""
         process.words.trim()
         if process.memory() > self._memory:
-            text = f"killed: it took more than {self._limits.memory:g} GiB of memory"
-            raise _TooLarge(Loss("crashed", text + process.words.last()))
+            raise self._too_large(process)
+
+    def _too_large(self, process: Process) -> _TooLarge:
+        text = f"killed: it took more than {self._limits.memory:g} GiB of memory"
+        return _TooLarge(Loss("crashed", text + process.words.last()))
+
+    def _end_of(self, process: Process) -> _Lost:
+        """Why a process has closed its end of the link."""
+        code, text = process.cause_of_death()
+        if code == -signal.SIGKILL and process.is_too_large():
+            return self._too_large(process)
+        # who is short of memory kills with this signal, too
+        blame = "unknown" if code == -signal.SIGKILL else "solver"
+        return _Lost(Loss("crashed", text, blame=blame))
 
 
 BABBLED = Loss("crashed", "wrote into the pipe to its parent")
@@ -319,17 +334,24 @@ class _TooLarge(_Lost):
     """Whenever it is found, it is the solver's doing."""
 
 
-def _loss_of(process: Process) -> Loss:
-    """Why a process has closed its end of the link."""
-    code, text = process.cause_of_death()
-    # who is short of memory kills with this signal, too
-    return Loss("crashed", text, blame="unknown" if code == -signal.SIGKILL else "solver")
-
-
-def waited(pid: int) -> float:
+class Waited:
     """[s] that this thread and a process have waited for a processor, as far as is told."""
-    seconds = 0.0
-    for which in ("thread-self", pid):
-        with contextlib.suppress(OSError, IndexError):
-            seconds += 1e-9 * int(Path(f"/proc/{which}/schedstat").read_bytes().split()[1])
-    return seconds
+
+    def __init__(self, pid: int) -> None:
+        self._files: list[int] = []
+        for which in ("thread-self", pid):
+            with contextlib.suppress(OSError):
+                self._files.append(os.open(f"/proc/{which}/schedstat", os.O_RDONLY))
+
+    def so_far(self) -> float:
+        """Since they began."""
+        seconds = 0.0
+        for file in self._files:
+            with contextlib.suppress(OSError, IndexError):
+                seconds += 1e-9 * int(os.pread(file, 100, 0).split()[1])
+        return seconds
+
+    def close(self) -> None:
+        """No more is asked."""
+        while self._files:
+            os.close(self._files.pop())

@@ -54,7 +54,6 @@ def work(
         register(solver.partition("[")[0], target)
     made = make_solver(solver, **options) if target else Nobody()
     limit(memory_limit)
-    gc.collect()
     gc.freeze()  # whatever is there is no litter of a pass
     gc.disable()
     bench = Bench(made, arm)

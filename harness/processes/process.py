@@ -21,6 +21,7 @@ from typing import Any
 import psutil
 
 from harness.machine.threads import VARIABLES
+from harness.processes.cgroup import Group
 from harness.processes.own_process import WORDS, Words, cause_of_death, family, kill
 
 PATIENCE = 60.0
@@ -164,25 +165,38 @@ class Process:
 
     work : "module:function";  arguments : what JSON can say
     ahead : modules of ours that the server imports before, once for all
+    memory : [bytes] that its control group may hold, where it has one; 0: no limit
 
     The link is a socket that waits for `WATCH` at most.  Raises ServerLost, and IsolationError
     where the process cannot be started.
     """
 
-    def __init__(self, work: str, arguments: dict[str, Any], ahead: Sequence[str] = ()) -> None:
+    def __init__(
+        self, work: str, arguments: dict[str, Any], ahead: Sequence[str] = (), memory: int = 0
+    ) -> None:
         self._server = server()
+        self._group, self._limit = Group.fresh(), memory
+        if self._group is not None and memory:
+            self._group.limit(memory)
         self.folder = Path(tempfile.mkdtemp(dir=self._server.folder))
         self.words = Words(self.folder / WORDS)
         self.link, theirs = socket.socketpair()
         self.link.settimeout(WATCH)
+        joins = [] if self._group is None else self._group.joins
         self._server.order(
-            theirs, work=work, arguments=arguments, ahead=ahead, folder=str(self.folder)
+            theirs,
+            work=work,
+            arguments=arguments,
+            ahead=ahead,
+            folder=str(self.folder),
+            joins=joins,
         )
         theirs.close()
         try:
             self.pid: int = self._server.await_event("started")["pid"]
         except (IsolationError, ServerLost):
             self.link.close()
+            self._end_group()
             raise
         self._begins_with = 0
         self._begins_with = self.memory()
@@ -199,7 +213,17 @@ class Process:
         self._server.order(kill=self.pid)
         with contextlib.suppress(ServerLost):
             self._server.code(self.pid)
+        self._end_group()
         shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _end_group(self) -> None:
+        if self._group is not None:
+            self._group.close()
+            self._group = None
+
+    def is_too_large(self) -> bool:
+        """Whether its control group has come to the limit of its memory."""
+        return self._group is not None and 0 < self._limit <= self._group.peak()
 
     def cause_of_death(self) -> tuple[int, str]:
         """Exit code of a process that ends, and what it says, with its last words.
@@ -229,6 +253,8 @@ class Process:
 
     def cpu_of_forks(self) -> float:
         """Seconds of CPU of what it has forked, whether that has ended or not; 0 if not known."""
+        if self._group is not None:
+            return max(0.0, self._group.cpu() - self.cpu())
         total = 0.0
         with contextlib.suppress(psutil.Error):
             own = psutil.Process(self.pid).cpu_times()

@@ -35,8 +35,10 @@ from harness.judging.physics import MEASURES
 from harness.results.shard_values import check_key, check_rows, check_times
 from problems.qp import WorkCounts
 
-FORMAT_VERSION = 4
-TIMES = ("build_time", "setup_time", "solve_time", "call_time", "charged_time", "pace")
+FORMAT_VERSION = 5
+TIMES = (
+    *("build_time", "setup_time", "solve_time", "call_time", "charged_time", "inside_time", "pace"),
+)
 """Columns of `Shard.passes` [s]; charged is what was seen and not told (`harness.passes.clocks`),
 pace what `harness.machine.calibration` took before the pass."""
 
@@ -70,6 +72,7 @@ COLUMNS: dict[str, pa.DataType] = {
     "solve_time": pa.float64(),
     "call_time": pa.float64(),
     "charged_time": pa.float64(),  # part of runtime that was seen from outside and not told
+    "inside_time": pa.float64(),  # setup and solve by the package's own clock; ours: the kernel's
     "believed": pa.bool_(),  # whether runtime is what was told, and no more is charged
     "pace": pa.float64(),
     "runtime_median": pa.float64(),
@@ -92,6 +95,7 @@ COLUMNS: dict[str, pa.DataType] = {
     "warm_started": pa.bool_(),  # whether a start was handed to the solver
     "after_restart": pa.bool_(),  # a QP of the warm group that has no predecessor
     "repeats": pa.int64(),  # passes that were timed
+    "executor": pa.string(),  # who counted and limited (`harness.processes.cgroup`); empty: nobody
 }
 """One row per QP, in order."""
 
@@ -150,7 +154,7 @@ class Shard:
     """Rows of one (recording, solver, setting, arm).
 
     rows : one mapping per QP; what comes from the key and the passes is left out
-    passes : (passes, n, 6) seconds, columns `TIMES`; NaN where nothing was run
+    passes : (passes, n, 7) seconds, columns `TIMES`; NaN where nothing was run
     study : which study it belongs to
     """
 
@@ -257,7 +261,7 @@ def runtimes(passes: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def summarise(passes: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
-    """Columns `FROM_PASSES` of (passes, n, 6) times: the fastest pass of each QP, and the median.
+    """Columns `FROM_PASSES` of (passes, n, 7) times: the fastest pass of each QP, and the median.
 
     runtime is setup + solve + charged; where those are unknown (a solve that raised) it is the
     whole call.

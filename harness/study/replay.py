@@ -38,8 +38,9 @@ from harness.passes.measure import SEEN
 from harness.passes.outcome import Outcome
 from harness.passes.starts import ARMS, check_arm
 from harness.passes.wire import TOLD
+from harness.processes.cgroup import executor
 from harness.processes.introduction import About, about, is_stranger
-from harness.processes.isolate import Block
+from harness.processes.isolate import Block, is_available
 from harness.progress import Progress
 from harness.recordings.recording import Recording, read_recording
 from harness.results.store import COLUMNS, SPENT, TIMES, Shard, ShardKey, Store, read_results
@@ -174,7 +175,8 @@ def replay(
         spent["replaying"] -= clock()
         if recording.digest not in facts:
             facts[recording.digest] = [facts_of(qp) for qp in recording.qps]
-        judged = _Judged(recording, setting, facts[recording.digest], study)
+        who = executor() if isolate and is_available() else ""
+        judged = _Judged(recording, setting, facts[recording.digest], study, who)
         block = Block(recording, judged.asked, limits, hidden, isolate)
         for turn in range(repeats):
             asked_in_this: set[str] = set()
@@ -224,7 +226,7 @@ def reproduce(
     block = Block(part, judged.asked, Limits(float("inf"), 0.0), isolate=False)
     done = block.do_pass(Task(solver, tuple(_options(setting).items()), arm))
     times = counted(done.times, block.asking(arm), is_stranger(solver)).times
-    build, setup, solve, call, charged = times[index]
+    build, setup, solve, call, charged, inside = times[index]
     return {
         **judged.row(index, done.outcomes[index]),
         "solver": solver,
@@ -236,6 +238,7 @@ def reproduce(
         "solve_time": solve,
         "call_time": call,
         "charged_time": charged,
+        "inside_time": inside,
         "x": done.outcomes[index].x,
     }
 
@@ -256,9 +259,15 @@ class _Judged:
     """What passes over one recording at one setting are worth."""
 
     def __init__(
-        self, recording: Recording, setting: str, facts: list[Facts], study: str = ""
+        self,
+        recording: Recording,
+        setting: str,
+        facts: list[Facts],
+        study: str = "",
+        executor: str = "",
     ) -> None:
-        self.recording, self.setting, self.facts, self.study = recording, setting, facts, study
+        self.recording, self.setting, self.facts = recording, setting, facts
+        self.study, self.executor = study, executor
         self.asked = [f.asked(setting) for f in facts]
 
     def add(self, run: StoredRun, done: Pass, asking: Asking, pace: float) -> Shard:
@@ -315,6 +324,7 @@ class _Judged:
             "scale": facts.scale,
             "warm_started": outcome.warm_started,
             "after_restart": outcome.after_restart,
+            "executor": self.executor,
         }
         known = self.recording.references[index]
         row["proof"] = "" if known is None else known.proof

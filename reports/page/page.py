@@ -39,6 +39,7 @@ from reports.sections.certificates import (
     plot_certificates,
     references_table,
 )
+from reports.sections.clocks import clocks_table
 from reports.sections.disturbances import disturbances_table
 from reports.sections.figures import plot_accuracy, plot_cost, plot_profiles
 from reports.sections.findings import (
@@ -269,8 +270,9 @@ class _Writer:
             return None
         arm = sequence_arm(results)
         ranked = [self.table(ranking_table(results, name, arm)) for name in results.settings]
+        clocks = [self.table(clocks_table(results, name, arm)) for name in results.settings]
         tables = [self.table(cost_table(results, name)) for name in results.settings]
-        tables += ranked[1:]
+        tables += ranked[1:] + clocks[1:]
         tables += [self.table(spread_table(results, name)) for name in results.settings]
         figures = []
         name = _with_times(results)
@@ -291,6 +293,7 @@ class _Writer:
             ]
         return {
             "ranking": ranked[0],
+            "clocks": clocks[0],
             "headline": tables[0],
             "tables": tables[1:],
             "figures": figures,

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import pandas as pd
 
-from harness.names import is_own
 from reports.parts.names import solver_order
 from reports.parts.sentences import Answer, join, ordinal
 from reports.parts.table import microseconds, percent, scientific, short
 from reports.rows.comparison import compare, pool, summarise
 from reports.rows.results import ARMS, METHOD, Results
+from reports.sections.clocks import agreement, by_clock, leads
 from reports.sections.tables import SLOWER, warm_pairs, warm_row
 from reports.sections.warm_worth import warm_answer
 
@@ -48,8 +48,8 @@ def which_method(results: Results) -> Answer | None:
     start = "started warm where it can be" if arm == "warm" else "started cold"
     said = [
         f"{best.name} is the fastest of the {len(table)} backends compared on every scene: "
-        f"{microseconds(best['mean'])} µs per QP (shifted geometric mean {where}, setting "
-        f"{setting}, {start})."
+        f"{microseconds(best['mean'])} µs per QP from ready arrays (shifted geometric mean "
+        f"{where}, setting {setting}, {start})."
     ]
     sound = table[table["verified"] == 1.0].sort_values("mean", kind="stable")
     if METHOD not in table.index:
@@ -73,14 +73,9 @@ def which_method(results: Results) -> Answer | None:
                 else f", and is verified on {percent(own['verified'])} of them only."
             )
         )
-    others = sound[[not is_own(str(name)) for name in sound.index]]
-    if METHOD in table.index and is_own(str(best.name)) and len(others):
-        rival = others.iloc[0]
-        said.append(
-            f"Of everybody else verified on every QP the fastest is {rival.name}, "
-            f"{microseconds(rival['mean'])} µs: "
-            f"{short(rival['mean'] / table.loc[METHOD]['mean'])} times that of {METHOD}."
-        )
+    found = leads(by_clock(pool(comparisons)))
+    if clocks := agreement(found):
+        said.insert(0 if any(lead.ratio <= 1.0 for lead in found) else 1, clocks)
     wins, defeats = scene_wins(results, setting, arm)
     if wins or defeats:
         said.append(

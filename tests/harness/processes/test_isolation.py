@@ -342,11 +342,11 @@ def test_an_answer_comes_as_it_was_given() -> None:
     first = Outcome(None, x, True, "SOLVED", "µ" * 300, 7, counts, True)
     second = Outcome("skipped", status_text="no\nimpulses")
     question = packed(Question(0, random_qp("two_sided", 0)[0]))
-    answer = answered(question, first, (1.0, 2.0, 3.0, 4.0), 3)
+    answer = answered(question, first, (1.0, 2.0, 3.0, 4.0, 5.0), 3)
     assert len(answer) == answer_size(3) and answer[:8] == question[:8]
     found, told = outcome_of(answer)
     np.testing.assert_array_equal(found.x, x)
-    assert found.status_text == "µ" * 200 and told == (1.0, 2.0, 3.0, 4.0)
+    assert found.status_text == "µ" * 200 and told == (1.0, 2.0, 3.0, 4.0, 5.0)
     for name in ("verdict", "found", "status", "iterations", "work", "warm_started"):
         assert getattr(found, name) == getattr(first, name)
     found, told = outcome_of(answered(question, second, (np.nan,) * 4, 3))
@@ -358,7 +358,7 @@ def test_an_answer_comes_as_it_was_given() -> None:
 @pytest.mark.parametrize("seed", range(20))
 def test_whatever_stands_in_an_answer_is_an_outcome(seed: int) -> None:
     found, told = outcome_of(np.random.default_rng(seed).bytes(answer_size(3)))
-    assert found.verdict in (None, *SETTLED[1:]) and len(told) == 4
+    assert found.verdict in (None, *SETTLED[1:]) and len(told) == 5
     assert found.x is None or found.x.shape == (3,)
 
 
@@ -369,8 +369,9 @@ def count(
     *times: float, asking: Asking = NO_TIME, stranger: bool = False
 ) -> tuple[list[float], bool]:
     """What counts of build, setup, solve, call, wall, waited, cpu [µs]; if stages are absurd."""
-    found, absurd = counted(1e-6 * np.array([times]), asking, stranger)
-    return (1e6 * found[0]).round(6).tolist(), bool(absurd)
+    told = np.array([[*times[:4], np.nan, *times[4:]]])
+    found, absurd = counted(1e-6 * told, asking, stranger)
+    return (1e6 * found[0, :5]).round(6).tolist(), bool(absurd)
 
 
 def test_what_is_told_counts_where_it_explains_what_is_seen() -> None:
@@ -379,6 +380,15 @@ def test_what_is_told_counts_where_it_explains_what_is_seen() -> None:
     asking = Asking(np.array([[9e-4, 0.0]]), np.zeros(2))
     assert count(5, 1, 4, 12, 930, 0, 12, asking=asking) == ([5, 1, 4, 12, 0], False)
     assert count(5, 1, 4, 12, 30, 0, 12, stranger=True) == ([0, 6, 4, 12, 0], False)
+
+
+@pytest.mark.parametrize("stranger", [False, True])
+def test_a_package_s_own_clock_decides_nothing_and_is_kept_within_the_call(stranger: bool) -> None:
+    for inside, kept in ((3.0, True), (13.0, False), (-1.0, False), (np.nan, False)):
+        told = 1e-6 * np.array([[5, 1, 4, 12, inside, 30, 0, 12]])
+        found, _ = counted(told, NO_TIME, stranger)
+        np.testing.assert_array_equal(found[0, 3:5], 1e-6 * np.array([12, 0]))
+        assert np.isnan(found[0, 5]) == (stranger or not kept)
 
 
 def test_what_is_seen_and_not_told_is_charged() -> None:

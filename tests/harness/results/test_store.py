@@ -41,9 +41,9 @@ ROOT = Path(__file__).parents[3]
 KEY = ShardKey("fake", "abc", "daqp", "paper", "cold", "daqp 1.0", "a machine", 1.0)
 TIMES = np.array(
     [
-        [[1.0, 2.0, 3.0, 7.0, 0.0, 0.1], [1.0, 1.0, 1.0, 4.0, 0.0, 0.1], [np.nan] * 6],
-        [[1.0, 1.0, 1.0, 4.0, 0.0, 0.2], [1.0, 5.0, 5.0, 12.0, 0.0, 0.2], [np.nan] * 6],
-        [[1.0, 4.0, 4.0, 9.0, 0.0, 0.3], [1.0, 2.0, 2.0, 6.0, 0.0, 0.3], [np.nan] * 6],
+        [[1.0, 2.0, 3.0, 7.0, 0.0, 1.0, 0.1], [1.0, 1.0, 1.0, 4.0, 0.0, 1.0, 0.1], [np.nan] * 7],
+        [[1.0, 1.0, 1.0, 4.0, 0.0, 1.0, 0.2], [1.0, 5.0, 5.0, 12.0, 0.0, 1.0, 0.2], [np.nan] * 7],
+        [[1.0, 4.0, 4.0, 9.0, 0.0, 1.0, 0.3], [1.0, 2.0, 2.0, 6.0, 0.0, 1.0, 0.3], [np.nan] * 7],
     ]
 )
 
@@ -89,7 +89,7 @@ def test_the_fastest_pass_is_kept_whole_and_the_median_beside_it() -> None:
 
 
 def test_a_call_that_raised_counts_as_a_whole() -> None:
-    times = np.array([[[np.nan, np.nan, np.nan, 0.5, 0.0, 0.1]]])
+    times = np.array([[[np.nan, np.nan, np.nan, 0.5, 0.0, 1.0, 0.1]]])
     assert summarise(times)["runtime"] == [0.5]
 
 
@@ -511,7 +511,7 @@ def test_long_texts_are_cut_and_whole_letters_kept(tmp_path: Path) -> None:
 
 def test_a_shard_without_rows_is_kept(tmp_path: Path) -> None:
     store = Store(tmp_path)
-    store.save(Shard(KEY, [], np.empty((2, 0, 6))))
+    store.save(Shard(KEY, [], np.empty((2, 0, 7))))
     loaded = store.load(KEY)
-    assert loaded is not None and loaded.passes.shape == (2, 0, 6) and not len(loaded.rows)
+    assert loaded is not None and loaded.passes.shape == (2, 0, 7) and not len(loaded.rows)
     assert len(read_results(tmp_path)) == len(read_repeats(tmp_path)) == 0

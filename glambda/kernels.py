@@ -1,0 +1,135 @@
+"""Kernels compiled ahead, on all cores, where a command would otherwise compile them one by one.
+
+    python -m glambda.kernels              all of them, if any is missing
+    python -m glambda.kernels steps        some parts, in this process
+
+Each part is compiled by doing a little of everything with it.  A part that is there is not looked
+at again (`_mark`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from glambda.terminal import Terminal
+from harness.machine.threads import VARIABLES
+from harness.progress import Progress, shown
+
+
+def steps() -> None:
+    """Algorithm 1 with friction and impulses, for any solver."""
+    from problems import scene, simulate
+    from solvers import make_solver
+
+    for name, until in (("fig2", 0.05), ("fig4", 0.3), ("fig5", 0.3)):
+        simulate(scene(name), make_solver("velocity"), until=until)
+
+
+def dense() -> None:
+    """Algorithm 2."""
+    import solvers.active_set.method  # noqa: F401
+
+
+def sparse() -> None:
+    """Algorithm 2 for QPs of many columns; it comes with `dense`."""
+    import numpy as np
+    import scipy.sparse as sp
+
+    from problems.qp import ContactQP
+    from solvers import make_solver
+
+    k = 60
+    A = sp.csc_array(sp.diags_array([np.ones(k), -np.ones(k - 1)], offsets=[0, 1]))
+    qps = [ContactQP(A, np.full(k, d), np.zeros(k), np.full(k, np.inf)) for d in (1.0, -1.0)]
+    for name in ("glambda", "lotstedt"):
+        last = None
+        for qp in qps:
+            last = make_solver(name).solve(qp, last)
+
+
+PARTS: dict[str, Callable[[], None]] = {"steps": steps, "dense": dense, "sparse": sparse}
+LANES = ("steps",), ("dense", "sparse")
+"""Parts that need each other, in the order in which one process compiles them; a lane a core."""
+
+
+def compile_ahead(parts: Sequence[str] = ("steps", "dense"), tell: Progress | None = None) -> None:
+    """See to it that these parts are compiled, each lane in a process of its own.
+
+    tell : called with what is compiled and how many parts are done, of all
+
+    A part whose process fails is compiled where it is needed, and says there what is wrong.
+    """
+    lanes = [[p for p in lane if p in parts and not _mark(p).exists()] for lane in LANES]
+    if not any(lanes):
+        return
+    running = [
+        subprocess.Popen(
+            [sys.executable, "-m", "glambda.kernels", *lane],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, **dict.fromkeys(VARIABLES, "1"), "PYTHONPATH": _path()},
+        )
+        for lane in lanes
+        if lane
+    ]
+    began = time.monotonic()
+    try:
+        while left := sum(process.poll() is None for process in running):
+            if tell is not None:
+                seconds = f"{time.monotonic() - began:.0f} s"
+                tell(seconds, len(running) - left, len(running))
+            time.sleep(0.1)
+    finally:
+        for process in running:
+            if process.poll() is None:
+                process.kill()
+            process.wait()
+
+
+def compile_shown(*parts: str) -> None:
+    """`compile_ahead`, with its progress on stderr."""
+    with shown("compile kernels, once", Terminal(err=True)) as tell:
+        compile_ahead(parts, tell)
+
+
+def _path() -> str:
+    """What a process of ours finds modules by."""
+    return os.pathsep.join(path or os.getcwd() for path in sys.path)
+
+
+def _mark(part: str) -> Path:
+    """A file that is there when this part has been compiled, by these sources, for this machine."""
+    import numba
+
+    from problems.kernels.compiled import SOURCES, cache_folder
+    from solvers.active_set import compiled
+
+    place = Path(__file__).resolve()
+    names = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "NUMBA_OPT", "NUMBA_NRT_STATS")
+    said = [numba.__version__, sys.version, str(place), *(os.environ.get(n, "") for n in names)]
+    key = hashlib.sha256("\n".join(said).encode()).hexdigest()[:16]
+    sources = compiled.SOURCES if part != "steps" else SOURCES
+    return cache_folder(sources) / f"{part}-{key}"
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Compile the parts that are named, here, or all."""
+    if not arguments:
+        compile_shown(*PARTS)
+        return
+    for part in arguments:
+        PARTS[part]()
+        with suppress(OSError):
+            _mark(part).touch()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
