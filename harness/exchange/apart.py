@@ -8,6 +8,7 @@ cannot fork, it is read here.
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import signal
 import tempfile
@@ -66,6 +67,7 @@ def _work(extract: Callable[[BinaryIO], Arrays], file: BinaryIO, out: Path) -> N
     code = 1
     try:
         begin(out.parent)
+        faulthandler.disable()  # a crash is told of by the parent
         resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
         room = resource.getrlimit(resource.RLIMIT_AS)[1]
         ours = int(available_memory()) + (1 << 32)  # what is mapped already is counted, too

@@ -47,6 +47,11 @@ class Asking(NamedTuple):
     scatter: Vector
 
     @classmethod
+    def nothing(cls, count: int) -> Asking:
+        """No time, for that many QPs: where nobody looks at the clock."""
+        return cls(np.zeros((count, 2)), np.zeros(2))
+
+    @classmethod
     def of(cls, times: Vector, before: Asking | None = None) -> Asking:
         """That of a pass (n, 8) of nobody: of each QP the least so far, or what is usual now."""
         times = np.nan_to_num(times)

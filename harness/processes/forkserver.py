@@ -82,7 +82,10 @@ class Server:
             self.deaths.recv(1024)
             self.bury()
         if self.parent in ready:
-            said, links, *_ = socket.recv_fds(self.parent, LONGEST, 1)
+            try:
+                said, links, *_ = socket.recv_fds(self.parent, LONGEST, 1)
+            except ConnectionError:  # it was killed with something unread
+                return False
             if not said:
                 return False
             self.obey(json.loads(said), links)

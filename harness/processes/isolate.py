@@ -81,6 +81,7 @@ class Block:
 
     asked : accuracy of each QP in ‖A δx‖;  hidden : files and folders of the study
     isolate : whether each pass has a process of its own, if the system can fork
+    timed : whether anybody looks at the clock; if not, there is no warm-up, nor is asking timed
     """
 
     def __init__(
@@ -90,10 +91,12 @@ class Block:
         limits: Limits,
         hidden: Iterable[Path] = (),
         isolate: bool = True,
+        timed: bool = True,
     ) -> None:
         self._references, self._limits = recording.references, limits
         self._posed = pose(recording.qps, asked)
         self._hidden, self._isolate = list(hidden), isolate and is_available()
+        self._timed = timed
         self._asking: dict[str, Asking] = {}
 
     def do_pass(self, task: Task, advance: Callable[[int], None] = lambda count: None) -> Pass:
@@ -108,6 +111,8 @@ class Block:
 
     def asking(self, arm: str, again: bool = False) -> Asking:
         """What asking takes by itself; `again`: measured once more."""
+        if not self._timed:
+            return Asking.nothing(len(self._posed))
         if again or arm not in self._asking:
             done = self.do_pass(Task(NO_ONE, (), arm))
             self._asking[arm] = Asking.of(done.times, self._asking.get(arm))
@@ -116,7 +121,7 @@ class Block:
     def _take(self, task: Task, advance: Callable[[int], None], again: bool) -> Pass:
         asked: Asked
         if self._isolate:
-            asked = Apart(task, self._limits, self._posed, self._hidden)
+            asked = Apart(task, self._limits, self._posed, self._hidden, self._timed)
         else:
             asked = here(task, self._posed)
         with one_thread(), contextlib.closing(asked):
@@ -145,11 +150,17 @@ def here(task: Task, qps: Sequence[ContactQP]) -> Here:
 class Apart(Asked):
     """A task in a process of its own; the next one where it is lost.
 
-    qps : that it is asked, for others like them to warm up on;  hidden : what it may not read
+    qps : that it is asked, for others like them to warm up on, if it is `timed`
+    hidden : what it may not read
     """
 
     def __init__(
-        self, task: Task, limits: Limits, qps: Sequence[ContactQP], hidden: Sequence[Path]
+        self,
+        task: Task,
+        limits: Limits,
+        qps: Sequence[ContactQP],
+        hidden: Sequence[Path],
+        timed: bool = True,
     ) -> None:
         super().__init__()
         self._limits, self._qps = limits, qps
@@ -168,11 +179,11 @@ class Apart(Asked):
         }
         self._process: Process | None = None
         self._asked_last: tuple[int, float] | None = None
-        self._lost = self._called = False
+        self._cold, self._called = not timed, False
 
     def ask(self, question: Question) -> Reply:
         try:
-            process = self._process or self._begin(warm_up=not self._lost)
+            process = self._process or self._begin(warm_up=not self._cold)
             reply = self._ask(process, question)
         except _Lost as lost:
             loss = lost.loss
@@ -209,7 +220,7 @@ class Apart(Asked):
             process.kill()
 
     def _lose(self) -> None:
-        self._lost, self._asked_last = True, None
+        self._cold, self._asked_last = True, None
         self.close()
 
     def _begin(self, warm_up: bool) -> Process:

@@ -116,7 +116,7 @@ def connected(cluster: str | int) -> Iterator[Client]:
 def replayer(cluster: str | int | None, *, timed: bool = True) -> Iterator[Callable[..., Any]]:
     """`replay`, or `replay_on` a cluster, given as `connected` takes it; None: `replay`."""
     if cluster is None:
-        yield replay
+        yield partial(replay, timed=timed)
         return
     with connected(cluster) as client:
         yield partial(replay_on, client, timed=timed)

@@ -104,6 +104,7 @@ def replay(
     slow_pass: float = SLOW_PASS,
     study: str = "",
     isolate: bool = True,
+    timed: bool = True,
     progress: Progress | None = None,
 ) -> pd.DataFrame:
     """Replay recordings through solvers; return the rows (`harness.results.store.COLUMNS`).
@@ -118,6 +119,7 @@ def replay(
     slow_pass : [s] a run whose pass takes longer is not repeated
     isolate : whether each run has a process of its own, if the system can fork; without, there is
         no hard limit of time nor of memory, and a crash is the end
+    timed : False for accuracy alone: without warm-up, and times compare with nothing
     progress : called with the name of a run and the QPs solved, of all
 
     Raises ValueError for unknown names, ImportError where a solver's package is absent, and
@@ -150,6 +152,7 @@ def replay(
                 slow_pass=slow_pass,
                 study=study,
                 isolate=isolate,
+                timed=timed,
                 progress=progress,
             )
     store = Store(results)
@@ -177,13 +180,13 @@ def replay(
             facts[recording.digest] = [facts_of(qp) for qp in recording.qps]
         who = executor() if isolate and is_available() else ""
         judged = _Judged(recording, setting, facts[recording.digest], study, who)
-        block = Block(recording, judged.asked, limits, hidden, isolate)
+        block = Block(recording, judged.asked, limits, hidden, isolate, timed)
         for turn in range(repeats):
             asked_in_this: set[str] = set()
             for run in runs:
                 before = counter.done
                 if run.passes <= turn and not is_done(run.shard, repeats, slow_pass):
-                    pace = calibrate()
+                    pace = calibrate() if timed else np.nan
                     spent["in_passes"] -= clock()
                     arm = run.task.arm
                     asking = block.asking(arm, again=arm not in asked_in_this)

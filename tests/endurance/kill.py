@@ -44,7 +44,7 @@ from harness.study.study import record_into
 SCENE, UNTIL = "tower,bodies=3", 0.05
 SOLVERS = ("glambda", "daqp", "quadprog")
 REPEATS = 2
-TIMES = tuple(name for name in FROM_PASSES if name != "repeats")
+TIMES = ("executor", *(name for name in FROM_PASSES if name != "repeats"))
 SIGNALS = (signal.SIGKILL, signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 WORD = "GLAMBDA_ENDURANCE"
 """Variable by which the processes of a study are found."""
