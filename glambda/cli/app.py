@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
@@ -159,6 +159,15 @@ def split_names(text: str, default: list[str]) -> list[str]:
     if not names:
         raise ValueError("an empty list of names was given; leave the option out for all")
     return default if names == ["all"] else list(dict.fromkeys(names))
+
+
+def refuse_absent(files: Iterable[Path]) -> None:
+    """Raise as reading does where one is not there: before anything else is told."""
+    from harness.recordings.recording import read_recording
+
+    for path in files:
+        if not path.exists():
+            read_recording(path)
 
 
 def chosen_solvers(text: str) -> list[str]:

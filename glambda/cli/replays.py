@@ -18,6 +18,7 @@ from glambda.cli.app import (
     app,
     chosen_solvers,
     cluster_of,
+    refuse_absent,
     split_names,
     terminal,
     told,
@@ -72,6 +73,7 @@ def replay(
     from harness.study.replay import replay as replay_all
     from harness.study.replay import reproduce
 
+    refuse_absent(files)
     names = chosen_solvers(solvers)
     chosen, runs = split_names(settings, list(SETTINGS)), split_names(arms, list(EVERY_ARM))
     if qp is not None:
@@ -143,6 +145,7 @@ def verify(
     from harness.recordings.recording import read_recording
     from harness.study.verify import verify as verify_all
 
+    refuse_absent(files)
     names = chosen_solvers(solvers)
     if files:
         recordings = [read_recording(path) for path in files]
