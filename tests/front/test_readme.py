@@ -37,9 +37,8 @@ SHORT = {
     "glambda record fig4 fig5 -o recordings": "+ --until 0.1",
     "glambda record wall,bodies=1000,mu=0.3 --fixed-step 0.005 --stops held": "glambda record "
     "wall,bodies=8,mu=0.3 --fixed-step 0.005 --stops held --until 0.01",
-    "glambda replay recordings/*.h5 --solvers glambda,daqp,proxqp --settings paper,high -o results": (
-        "+ --repeats 1"
-    ),
+    "glambda replay recordings/*.h5 --solvers glambda,daqp,proxqp --settings paper,high "
+    "-o results": "+ --repeats 1",
     "glambda replay recordings/*.h5 --arms cold,warm,exact,stale5,corrupted -o results": "+ "
     "--solvers glambda --settings high --repeats 1",
     "glambda replay recordings/*.h5 --settings 1e-3,1e-6,1e-9 -o results": "+ "
