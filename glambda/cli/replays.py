@@ -145,7 +145,7 @@ def verify(
     from harness.recordings.recording import read_recording
     from harness.study.verify import verify as verify_all
 
-    refuse_absent(files)
+    refuse_absent(files or [])
     names = chosen_solvers(solvers)
     if files:
         recordings = [read_recording(path) for path in files]
