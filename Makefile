@@ -91,15 +91,15 @@ floors: $(INSTALLED)
 	$(BIN)/python -m benchmarks.floors
 
 test: $(INSTALLED)
-	$(BIN)/python -m glambda.kernels
+	$(BIN)/python -m harness.machine.kernels
 	$(BIN)/python -m pytest -n auto
 
 check: $(INSTALLED)
-	$(BIN)/python -m glambda.kernels
+	$(BIN)/python -m harness.machine.kernels
 	$(BIN)/python -m pytest -n auto -m "not slow"
 
 rounding: $(INSTALLED)
-	$(BIN)/python -m tests.endurance.processors --run another -m glambda.kernels
+	$(BIN)/python -m tests.endurance.processors --run another -m harness.machine.kernels
 	$(BIN)/python -m tests.endurance.processors --run another -m pytest -n auto -m rounding
 
 lint: $(INSTALLED)

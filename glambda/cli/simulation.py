@@ -92,15 +92,16 @@ def simulate(
     Example:  glambda simulate fig4 --set mu_I=0.8 --solver daqp --plot fig4.png
     """
     from glambda.display import print_run
-    from glambda.kernels import compile_shown
+    from harness.machine.kernels import compile_ahead
+    from harness.names import is_own
     from harness.progress import shown
     from problems import scene as make_scene
     from problems import simulate as run_scene
     from problems.scenes.labels import parse_label, parse_settings
     from problems.sequence import SimulationError
     from solvers import make_solver
+    from solvers.registry import target_of
 
-    compile_shown("steps", "dense")
     table = output_file(trajectory, (".csv",), "--trajectory")
     picture = output_file(plot, (".png", ".svg", ".pdf"), "--plot")
     film = output_file(animate, (".gif",), "--animate")
@@ -109,7 +110,10 @@ def simulate(
         made = make_scene(name, **{**parameters, **parse_settings(settings or [])})
     end = made.end_time if how["until"] is None else how["until"]
     early: BaseException | None = None
+    target_of(solver)  # raises for an unknown one, before anything is compiled
     try:
+        with shown("kernels", terminal(err=True)) as tell:
+            compile_ahead(("steps", "dense") if is_own(solver) else ("steps",), tell)
         with shown(f"simulate {made.label}", terminal(err=True)) as tell:
             run = run_scene(
                 made,
@@ -201,7 +205,7 @@ def recorded(
     folder: Path,
     overwrite: bool = False,
 ) -> list[tuple[Recording, Path]]:
-    from glambda.kernels import compile_shown
+    from harness.machine.kernels import compile_ahead
     from harness.progress import shown
     from harness.study.kept_recording import first_difference, how_run, kept_recording
     from harness.study.record import record as record_scene
@@ -209,7 +213,6 @@ def recorded(
     from problems import scene as make_scene
     from problems.scenes.labels import PAPER_SCENES, parse_label, parse_settings
 
-    compile_shown("steps", "dense")
     named = [parse_label(label) for label in labels or PAPER_SCENES]
     extra = parse_settings(settings or [])
     with shown("make scenes", terminal(err=True)):
@@ -224,6 +227,8 @@ def recorded(
         differs = first_difference(before, each, how) if before is not None else None
         if differs is not None:
             raise _taken(path, *differs)
+    with shown("kernels", terminal(err=True)) as tell:
+        compile_ahead(tell=tell)
     done = []
     for each, path, before in zip(made, paths, kept, strict=True):
         with shown(f"record {each.label}", terminal(err=True)) as tell:

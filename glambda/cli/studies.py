@@ -57,7 +57,6 @@ def study(
     from dataclasses import replace as with_changes
 
     from glambda.display import replay_table
-    from glambda.kernels import compile_shown
     from harness.progress import shown
     from harness.results.store import read_results
     from harness.study.study import QUICK, StudyPlan, run_study
@@ -71,7 +70,6 @@ def study(
         plan = with_changes(plan, solvers=tuple(chosen_solvers(solvers)))
     folder = results or Path("results/quick" if quick else "results")
     console = terminal(err=True)
-    compile_shown("steps", "dense")
     with shown("study", console) as tell:
         run_study(plan, folder, cluster=cluster_of(workers, cluster), progress=tell)
     with console.status("drawing the report"):

@@ -18,6 +18,7 @@ from pathlib import Path
 
 from harness.judging.facts import SETTINGS
 from harness.machine.calibration import clock_facts
+from harness.machine.kernels import compile_ahead
 from harness.machine.machine import library_versions, machine
 from harness.names import METHOD, PAPER
 from harness.passes.limits import TIME_LIMIT
@@ -129,6 +130,7 @@ def run_study(
             "study": plan.identity,
         }
     )
+    compile_ahead(tell=progress)
     recordings = [
         record_into(results / "recordings", label, until=plan.until, progress=progress)
         for label in plan.scenes

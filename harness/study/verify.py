@@ -41,7 +41,7 @@ def verify(
     `harness.study.replay.replay` does.
     """
     loaded = [r if isinstance(r, Recording) else read_recording(r) for r in recordings]
-    with replayer(cluster, timed=False) as replay:
+    with replayer(cluster, timed=cluster is None and results is not None) as replay:
         rows = replay(
             loaded,
             solvers,

@@ -1,7 +1,7 @@
 """Kernels compiled ahead, on all cores, where a command would otherwise compile them one by one.
 
-    python -m glambda.kernels              all of them, if any is missing
-    python -m glambda.kernels steps        some parts, in this process
+    python -m harness.machine.kernels              all of them, if any is missing
+    python -m harness.machine.kernels steps        some parts, in this process
 
 Each part is compiled by doing a little of everything with it.  A part that is there is not looked
 at again (`_mark`).
@@ -18,7 +18,8 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from glambda.terminal import Terminal
+from rich.console import Console
+
 from harness.machine.threads import VARIABLES
 from harness.progress import Progress, shown
 
@@ -71,7 +72,7 @@ def compile_ahead(parts: Sequence[str] = ("steps", "dense"), tell: Progress | No
         return
     running = [
         subprocess.Popen(
-            [sys.executable, "-m", "glambda.kernels", *lane],
+            [sys.executable, "-m", "harness.machine.kernels", *lane],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -84,20 +85,14 @@ def compile_ahead(parts: Sequence[str] = ("steps", "dense"), tell: Progress | No
     try:
         while left := sum(process.poll() is None for process in running):
             if tell is not None:
-                seconds = f"{time.monotonic() - began:.0f} s"
-                tell(seconds, len(running) - left, len(running))
+                what = f"compile kernels, once ({time.monotonic() - began:.0f} s)"
+                tell(what, len(running) - left, len(running))
             time.sleep(0.1)
     finally:
         for process in running:
             if process.poll() is None:
                 process.kill()
             process.wait()
-
-
-def compile_shown(*parts: str) -> None:
-    """`compile_ahead`, with its progress on stderr."""
-    with shown("compile kernels, once", Terminal(err=True)) as tell:
-        compile_ahead(parts, tell)
 
 
 def _path() -> str:
@@ -123,7 +118,8 @@ def _mark(part: str) -> Path:
 def main(arguments: Sequence[str]) -> None:
     """Compile the parts that are named, here, or all."""
     if not arguments:
-        compile_shown(*PARTS)
+        with shown("kernels", Console(stderr=True)) as tell:
+            compile_ahead(tuple(PARTS), tell)
         return
     for part in arguments:
         PARTS[part]()
