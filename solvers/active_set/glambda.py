@@ -12,7 +12,7 @@ Not from the paper is what outlives a QP, which goes by size, and when R is give
    not by (2 C_QR/C_IT)^½.
 3. Beyond, where A is sparse, a sparse R by Cholesky, given up by the online rule; x of the start is
    extrapolated; F may hold dependent columns, so that there is no P; many rows change sides at
-   once (`sparse.loop`).
+   once (`sparse.loop`); after tens of directions interior points choose F (`sparse.interior`).
 4. Up to `SMALL_CALLS` columns whole steps and collisions are taken in one call.
 """
 

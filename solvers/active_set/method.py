@@ -160,7 +160,7 @@ def dense_room(m: int, k: int, start: Start) -> Workspace:
 def sparse_room(A: sp.csc_array, start: Start | None) -> tuple[SparseWorkspace, bool] | None:
     """A workspace of the pattern of A with what `start` remembers; whether it holds its L too.
 
-    None where a column of A has more than `SLOTS` entries.
+    None where a column of A has more than `WIDEST` entries.
     """
     before = None if start is None else start.memory
     if not isinstance(before, SparseWorkspace):

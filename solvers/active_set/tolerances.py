@@ -33,5 +33,8 @@ LOWERED = 1e-2
 """The next shift, in units of the one that has taken too many iterations."""
 ROUGH = 1e-3
 """Part of the gradient at which p is looked at: if it is blocked, it is not made more accurate."""
+PATH_END = 1e-14
+"""Interior points end at this part of ‖d‖² by which the objective can still fall, so that A x is
+right to 1e-7 ‖d‖."""
 NOISE = 10.0
 """vᵀy in units of (rounding in Δ)²/shift, below which it may be rounding."""

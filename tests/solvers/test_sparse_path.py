@@ -27,7 +27,13 @@ from solvers.active_set.sparse.cholesky import (
 )
 from solvers.active_set.sparse.direction import conjugate_gradients_sparse
 from solvers.active_set.sparse.loop import LEAP_AFTER
-from solvers.active_set.sparse.pattern import FEW_ZEROS, Pattern, contact_order, make_pattern
+from solvers.active_set.sparse.pattern import (
+    FEW_ZEROS,
+    WIDEST,
+    Pattern,
+    contact_order,
+    make_pattern,
+)
 from solvers.active_set.sparse.workspace import (
     CHANGED,
     IN_F,
@@ -250,10 +256,10 @@ def test_a_direction_that_is_blocked_is_only_roughly_right() -> None:
     assert fine < 1e-8 < rough < 1e-2
 
 
-def test_a_column_of_three_bodies_is_solved_by_the_dense_path() -> None:
+def test_a_column_of_many_bodies_is_solved_by_the_dense_path() -> None:
     rng = np.random.default_rng(2)
     A = contact_matrix(rng, 40, 80).toarray()
-    A[:9, 0] = rng.standard_normal(9)
+    A[: WIDEST + 1, 0] = rng.standard_normal(WIDEST + 1)
     qp = ContactQP(sp.csc_array(A), rng.standard_normal(120), np.zeros(80), np.full(80, np.inf))
     solution = Glambda(accuracy=1e-10).solve(qp)
     assert solution.found and not isinstance(solution.memory, SparseWorkspace)

@@ -8,8 +8,8 @@ there instead.  The places of columns that are not in L hold those of the unit m
 
 A column is taken out of L, or into it, along its path to the root (Davis and Hager 2005).
 
-Lx holds a block for each front, (columns, rows), with reciprocals on the diagonal.  Row SPREAD of
-S, and row CHANGED, are 0 between calls.
+Lx holds a block for each front, (columns, rows), with reciprocals on the diagonal.  Rows
+SPREAD, CHANGED and WEIGHT of S are 0 between calls.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from math import sqrt
 
 from solvers.active_set.compiled import kernel
 from solvers.active_set.sparse.pattern import SLOTS
-from solvers.active_set.sparse.workspace import CHANGED, IN_L, PLACE, SPREAD, WORK
+from solvers.active_set.sparse.workspace import CHANGED, IN_L, PLACE, SPREAD, WEIGHT, WORK
 from solvers.active_set.tolerances import DEPENDENT
 from solvers.active_set.workspace import V, Y
 
@@ -27,34 +27,38 @@ from solvers.active_set.workspace import V, Y
 def dot(Bi, Bx, c, x):
     """b_cᵀ x."""
     total = 0.0
-    for b in range(SLOTS):
-        total += Bx[c, b] * x[Bi[c, b]]
+    for first in range(0, Bi.shape[1], SLOTS):
+        for b in range(first, first + SLOTS):
+            total += Bx[c, b] * x[Bi[c, b]]
     return total
 
 
 @kernel
 def add(Bi, Bx, c, value, x):
     """x := x + value b_c."""
-    for b in range(SLOTS):
-        x[Bi[c, b]] += value * Bx[c, b]
+    for first in range(0, Bi.shape[1], SLOTS):
+        for b in range(first, first + SLOTS):
+            x[Bi[c, b]] += value * Bx[c, b]
 
 
 @kernel
 def spread(Bi, Bx, c, x):
     """x := b_c at its rows; returns ‖b_c‖²."""
     total = 0.0
-    for b in range(SLOTS):
-        value = Bx[c, b]
-        x[Bi[c, b]] = value
-        total += value * value
+    for first in range(0, Bi.shape[1], SLOTS):
+        for b in range(first, first + SLOTS):
+            value = Bx[c, b]
+            x[Bi[c, b]] = value
+            total += value * value
     return total
 
 
 @kernel
 def clear(Bi, c, x):
     """x := 0 at the rows of b_c."""
-    for b in range(SLOTS):
-        x[Bi[c, b]] = 0.0
+    for first in range(0, Bi.shape[1], SLOTS):
+        for b in range(first, first + SLOTS):
+            x[Bi[c, b]] = 0.0
 
 
 @kernel
@@ -74,7 +78,7 @@ def add_four(Lx, one, size, row, end, target, begin, sign):
 
 @kernel
 def cholesky(pattern, Bx, S, I, Lx, shift):
-    """Factorize the columns with I[IN_L] = 1.
+    """Factorize BᵀB + shift + row WEIGHT for the columns with I[IN_L] = 1.
 
     Returns the flops; as a negative number, −1 − flops, when a column was found dependent.
     """
@@ -82,6 +86,7 @@ def cholesky(pattern, Bx, S, I, Lx, shift):
     Bi, Gp, Gi, Gx = pattern.Bi, pattern.Gp, pattern.Gi, pattern.Gx
     Up, Ut, Ua, Ub = pattern.Up, pattern.Ut, pattern.Ua, pattern.Ub
     inside, full, place, work = I[IN_L], S[SPREAD], I[PLACE], S[WORK]
+    weight = S[WEIGHT]
     flops = 0
     for s in range(first.size - 1):
         c0, width, height = first[s], first[s + 1] - first[s], Rp[s + 1] - Rp[s]
@@ -91,7 +96,7 @@ def cholesky(pattern, Bx, S, I, Lx, shift):
         for c in range(c0, c0 + width):
             if inside[c]:
                 diagonal = begin + (c - c0) * (height + 1)
-                Lx[diagonal] = spread(Bi, Bx, c, full) + shift
+                Lx[diagonal] = spread(Bi, Bx, c, full) + shift + weight[c]
                 for g in range(Gp[c], Gp[c + 1]):
                     if inside[Gi[g]]:
                         Lx[Gx[g]] = dot(Bi, Bx, Gi[g], full)

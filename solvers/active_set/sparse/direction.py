@@ -28,7 +28,6 @@ from solvers.active_set.sparse.cholesky import (
     solve_L,
     solve_LT,
 )
-from solvers.active_set.sparse.pattern import SLOTS
 from solvers.active_set.sparse.workspace import (
     IN_F,
     IN_L,
@@ -102,7 +101,7 @@ def factorize_sparse(pattern, Bx, Lx, S, I, f):
     S[REALS, FACTORIZATION_FLOPS] = flops
     k = pattern.order.size
     for c in range(k):
-        for b in range(SLOTS):
+        for b in range(Bx.shape[1]):
             Bx[k + c, b] = Bx[c, b]
     S[REALS, FACTORIZATION_COST] = PER_FLOP * flops + PER_ENTRY * pattern.entries + PER_COLUMN * k
     S[REALS, INVERSE_NORM] = inverse_norm(pattern, S, Lx)
@@ -144,7 +143,7 @@ def is_of_this_A(Bx, k):
     """Whether L is that of today's A, be it of another F."""
     differ = 0
     for c in range(k):
-        for b in range(SLOTS):
+        for b in range(Bx.shape[1]):
             differ += Bx[c, b] != Bx[k + c, b]
     return differ == 0
 

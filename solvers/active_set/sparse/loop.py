@@ -18,7 +18,8 @@ The steps are those of `method`, with some inner parts exchanged:
    L last: with a small one, what has turned out of the null space since weighs (angle)²/shift.  A
    small shift makes ill-conditioned systems converge.  So it starts large, and is lowered where
    today's L needs many iterations; where no column is dependent there is none.
-4. Where that has taken many directions, and the columns are independent, it leaps (`leap`).
+4. Where that has taken many directions, `glambda` lets interior points choose F (`interior`), and
+   the paper's method, if the columns are independent, leaps (`leap`).
 """
 
 from __future__ import annotations
@@ -60,6 +61,7 @@ from solvers.active_set.sparse.direction import (
     is_of_this_A,
     iteration_flops,
 )
+from solvers.active_set.sparse.interior import approach
 from solvers.active_set.sparse.pattern import SLOTS
 from solvers.active_set.sparse.workspace import (
     IN_F,
@@ -181,10 +183,11 @@ def take_residual_sparse(pattern, Bx, S, m):
     for c in range(Bi.shape[0]):
         value = z[c]
         if value != 0.0:
-            for b in range(SLOTS):
-                term = value * Bx[c, b]
-                fresh[Bi[c, b]] += term
-                sizes[Bi[c, b]] += abs(term)
+            for first in range(0, Bi.shape[1], SLOTS):
+                for b in range(first, first + SLOTS):
+                    term = value * Bx[c, b]
+                    fresh[Bi[c, b]] += term
+                    sizes[Bi[c, b]] += abs(term)
     moved = total = 0.0
     for i in range(m):
         moved += (fresh[i] - r[i]) ** 2
@@ -408,6 +411,15 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
                 break
             passes -= 1
             unique = S[REALS, SHIFT] <= LEAST_SHIFT
+            if refining == inf and mode & ONLINE and I[COUNTS, DIRECTIONS] >= patience:
+                f = approach(pattern, Bx, Lx, S, I, m, f)
+                patience = LATER * I[COUNTS, DIRECTIONS]
+                factorize_sparse(pattern, Bx, Lx, S, I, f)
+                _, rounding = take_residual_sparse(pattern, Bx, S, m)
+                for c in range(k):
+                    mark[c] = 0
+                one_by_one = False
+                continue
             if refining == inf and unique and I[COUNTS, DIRECTIONS] >= patience:
                 patience = LATER * (I[COUNTS, DIRECTIONS] + LEAPS)
                 f = leap(pattern, Bx, Lx, S, I, m, f, aim, rounding)

@@ -29,9 +29,11 @@ from solvers.active_set.compiled import kernel
 Places = NDArray[np.int32]
 
 SLOTS = 8
-"""Entries that a column has room for: three for each of two bodies, and two of the ridge by which
-large minimum-norm QPs are posed.  That it is a constant makes products with B three times as
-fast."""
+"""Entries that a column has room for, or a multiple: in the plane three for each of two bodies, and
+two of the ridge by which large minimum-norm QPs are posed; in space six for each.  That it is a
+constant makes products with B three times as fast."""
+WIDEST = 8 * SLOTS
+"""Entries of the widest column of a sparse A; with wider ones A_Fᵀ A_F is full."""
 FEW_ZEROS = 0.1
 """Share of zeros that a front may hold so as to be larger."""
 
@@ -41,7 +43,8 @@ class Pattern(NamedTuple):
 
     m, indptr, indices : rows of A (m, k), and where its entries are, as given
     order : (k,) the column of A that stands at each place
-    Bi : (k, SLOTS) rows of B, which is A in this order; m where a column has fewer entries
+    Bi : (k, width) rows of B, which is A in this order; m where a column has fewer entries; the
+        width is a multiple of SLOTS
     Gp, Gi, Gx : neighbours: column c shares rows with the columns Gi[Gp[c] : Gp[c + 1]] past it,
         and entry (neighbour, c) of L stands at the places Gx
     first, front : front s has the columns first[s] … first[s + 1] − 1; column c is in front[c]
@@ -81,8 +84,8 @@ class Pattern(NamedTuple):
 
 
 def is_narrow(A: sp.csc_array) -> bool:
-    """Whether no column of A has more than `SLOTS` entries."""
-    return bool(np.diff(A.indptr).max(initial=0) <= SLOTS)
+    """Whether no column of A has more than `WIDEST` entries."""
+    return bool(np.diff(A.indptr).max(initial=0) <= WIDEST)
 
 
 @kernel
@@ -191,9 +194,10 @@ def neighbours(m, columns, indptr, indices, past):
 
 
 def padded_rows(m: int, order: Indices, indptr: Places, indices: Places) -> Places:
-    """Rows of the columns of B, (k, SLOTS)."""
-    slot = np.arange(SLOTS)
-    there = slot < np.diff(indptr)[order][:, None]
+    """Rows of the columns of B, (k, width)."""
+    entries = np.diff(indptr)
+    slot = np.arange(SLOTS * max(1, -(-int(entries.max(initial=0)) // SLOTS)))
+    there = slot < entries[order][:, None]
     source = np.where(there, indptr[:-1][order][:, None] + slot, 0)
     found = np.append(indices, np.int32(m))
     return np.ascontiguousarray(np.where(there, found[source], m), dtype=np.int32)

@@ -18,11 +18,10 @@ from solvers.active_set.workspace import N_FLOAT_ROWS, N_INT_ROWS, OLD_F, SIZES,
 
 IN_F, IN_L, WORK = F, OLD_F, SIZES
 """Rows of another meaning than in `workspace`."""
-SPREAD, CHANGED, KEPT_Z = range(N_FLOAT_ROWS, N_FLOAT_ROWS + 3)
+SPREAD, CHANGED, WEIGHT, KEPT_Z, DUAL_LOW, DUAL_HIGH = range(N_FLOAT_ROWS, N_FLOAT_ROWS + 6)
 PLACE, KEPT_F = range(N_INT_ROWS, N_INT_ROWS + 2)
 LARGEST_SHIFT = 15
-"""Rows of S and I for `sparse_cholesky`, and for `sparse_loop.leap`; an entry of
-row REALS."""
+"""Rows of S and I for `cholesky`, for `interior` and for `loop.leap`; an entry of row REALS."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +29,7 @@ class SparseWorkspace:
     """What one sparse solve hands to the next; updated in place.
 
     pattern : of the QP that was solved
-    Bx : (2 k, SLOTS) B of that QP, and B of the QP that L was factorized in;  Lx : blocks of L
+    Bx : (2 k, width) B of that QP, and B of the QP that L was factorized in;  Lx : blocks of L
     S : (rows, n) float64, I : (rows, n) int64
     """
 
@@ -50,7 +49,7 @@ def make_sparse_workspace(
         pattern,
         np.zeros((2 * pattern.Bi.shape[0], pattern.Bi.shape[1])),
         np.empty(pattern.Lp[-1]),
-        np.zeros((KEPT_Z + 1, n)),
+        np.zeros((DUAL_HIGH + 1, n)),
         np.zeros((KEPT_F + 1, n), dtype=np.int64),
     )
     if previous is not None:
