@@ -19,8 +19,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from functools import cached_property
-from math import nan
+from functools import cached_property, lru_cache
+from math import isfinite, nan
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -52,40 +52,56 @@ AT_LOWER, FREE, AT_UPPER, PASSIVE = -1, 0, 1, 2
 """Members of a working set: X at the lower bound (or fixed), F, X at the upper bound, and P."""
 
 
-def _frozen(name: str, value: ArrayLike, dtype: type = np.float64) -> NDArray[Any]:
-    """Copy of `value` as a read-only C array; NaN is refused."""
-    array: NDArray[Any] = np.array(value, dtype=dtype, order="C")
-    if dtype is np.float64 and np.isnan(array).any():
+def _refuse_nan(name: str, array: NDArray[np.float64]) -> None:
+    if np.isnan(array).any():
         where = np.argwhere(np.isnan(array))[0].tolist()
         raise ValueError(f"{name} holds NaN at index {where}; remove it before posing the QP")
-    array.setflags(write=False)
-    return array
 
 
-def _check_size(name: str, array: NDArray[np.float64]) -> None:
-    if array.size and not max(array.max(), -array.min()) <= LARGEST:
+def _refuse_large(name: str, array: NDArray[np.float64]) -> None:
+    """Refuse NaN and what is beyond `LARGEST`; a sum of squares tells that there is neither."""
+    flat = array.reshape(-1)
+    if flat.dot(flat) <= LARGEST:
+        return
+    _refuse_nan(name, array)
+    if not max(array.max(), -array.min()) <= LARGEST:
         raise ValueError(
             f"{name} holds an entry beyond ±{LARGEST:g}, whose square overflows; "
             "scale the problem, and pose infinite forces as a bound"
         )
 
 
+@lru_cache(maxsize=1024)
+def _usual(name: str, n: int) -> NDArray[Any]:
+    """What stands for a `row_id`, `feature` or `D` that is not given, read-only and shared."""
+    array: NDArray[Any]
+    if name == "row_id":
+        array = np.arange(n)
+    elif name == "feature":
+        array = np.full((n, len(FEATURE_FIELDS)), -1)
+    else:
+        array = np.ones(n)
+    array.setflags(write=False)
+    return array
+
+
 def _frozen_matrix(value: Any) -> Matrix:
-    if not sp.issparse(value):
-        A = _frozen("A", value)
-        if A.ndim != 2:
-            raise ValueError(f"A must be a matrix (m, k); got shape {A.shape}")
-        _check_size("A", A)
+    if not isinstance(value, np.ndarray) and sp.issparse(value):
+        A = sp.csc_array(value, dtype=np.float64, copy=True)
+        A.sum_duplicates()
+        A.sort_indices()
+        if np.isnan(A.data).any():
+            raise ValueError("A holds NaN; remove it before posing the QP")
+        _refuse_large("A", A.data)
+        for part in (A.data, A.indices, A.indptr):
+            part.setflags(write=False)
         return A
-    A = sp.csc_array(value, dtype=np.float64, copy=True)
-    A.sum_duplicates()
-    A.sort_indices()
-    if np.isnan(A.data).any():
-        raise ValueError("A holds NaN; remove it before posing the QP")
-    _check_size("A", A.data)
-    for part in (A.data, A.indices, A.indptr):
-        part.setflags(write=False)
-    return A
+    array: NDArray[np.float64] = np.array(value, np.float64, order="C")
+    if array.ndim != 2:
+        raise ValueError(f"A must be a matrix (m, k); got shape {array.shape}")
+    _refuse_large("A", array)
+    array.setflags(write=False)
+    return array
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -125,59 +141,67 @@ class ContactQP(Short):
     eps0: float = 1e-9
 
     def __post_init__(self) -> None:
-        put = object.__setattr__
-        put(self, "A", _frozen_matrix(self.A))
-        m, k = self.A.shape
-        if self.row_id is None:
-            put(self, "row_id", np.arange(k))
-        if self.feature is None:
-            put(self, "feature", np.full((k, len(FEATURE_FIELDS)), -1))
-        if self.D is None:
-            put(self, "D", np.ones(m))
-        shapes: dict[str, tuple[tuple[int, ...], type]] = {
-            "d": ((m,), np.float64),
-            "lower": ((k,), np.float64),
-            "upper": ((k,), np.float64),
-            "row_id": ((k,), np.int64),
-            "feature": ((k, len(FEATURE_FIELDS)), np.int64),
-            "D": ((m,), np.float64),
-        }
-        for name, (shape, dtype) in shapes.items():
-            array = _frozen(name, getattr(self, name), dtype)
+        parts = self.__dict__
+        A = parts["A"] = _frozen_matrix(self.A)
+        m, k = A.shape
+        for name, shape, dtype in (
+            ("d", (m,), np.float64),
+            ("lower", (k,), np.float64),
+            ("upper", (k,), np.float64),
+            ("row_id", (k,), np.int64),
+            ("feature", (k, len(FEATURE_FIELDS)), np.int64),
+            ("D", (m,), np.float64),
+        ):
+            value = parts[name]
+            if value is None and name in ("row_id", "feature", "D"):
+                parts[name] = _usual(name, shape[0])
+                continue
+            array = np.array(value, dtype, order="C")
             if array.shape != shape:
                 raise ValueError(
                     f"A has shape {(m, k)}, so {name} needs shape {shape}; got {array.shape}"
                 )
-            put(self, name, array)
-        self._check_values(k)
+            array.setflags(write=False)
+            parts[name] = array
+        _refuse_large("d", self.d)
+        self._check_bounds()
+        self._check_others(m, k)
 
-    def _check_values(self, k: int) -> None:
-        _check_size("d", self.d)
-        crossed = np.flatnonzero(self.lower > self.upper)
-        if crossed.size:
-            i = crossed[0]
-            raise ValueError(
-                f"lower[{i}] = {self.lower[i]:g} exceeds upper[{i}] = {self.upper[i]:g}"
-            )
-        if (self.lower == np.inf).any() or (self.upper == -np.inf).any():
-            raise ValueError("lower may not be +inf and upper may not be -inf")
-        in_order = bool((self.row_id[1:] > self.row_id[:-1]).all())
-        if not in_order and np.unique(self.row_id).size != k:
-            raise ValueError("row_id holds a number twice; rows of one QP need distinct ids")
-        if not (np.isfinite(self.D).all() and (self.D > 0).all()):
+    def _check_bounds(self) -> None:
+        """Refuse NaN, lower = inf, upper = −inf and lower > upper; two sums tell of the first."""
+        lower, upper = self.lower, self.upper
+        ones = _usual("D", lower.size)
+        if not (lower.dot(ones) < np.inf and upper.dot(ones) > -np.inf):
+            _refuse_nan("lower", lower)
+            _refuse_nan("upper", upper)
+            if (lower == np.inf).any() or (upper == -np.inf).any():
+                raise ValueError("lower may not be +inf and upper may not be -inf")
+        if np.count_nonzero(lower > upper):
+            i = np.flatnonzero(lower > upper)[0]
+            raise ValueError(f"lower[{i}] = {lower[i]:g} exceeds upper[{i}] = {upper[i]:g}")
+
+    def _check_others(self, m: int, k: int) -> None:
+        row_id, D = self.row_id, self.D
+        if row_id is not _usual("row_id", k):
+            in_order = np.count_nonzero(row_id[1:] > row_id[:-1]) == max(k - 1, 0)
+            if not in_order and np.unique(row_id).size != k:
+                raise ValueError("row_id holds a number twice; rows of one QP need distinct ids")
+        if D is not _usual("D", m) and not (np.isfinite(D).all() and (D > 0).all()):
+            _refuse_nan("D", D)
             raise ValueError("D must be positive and finite")
         if self.kind not in KINDS:
             raise ValueError(f"kind {self.kind!r} is unknown; choose one of {', '.join(KINDS)}")
         for name in ("t", "h", "alpha0", "eps0"):
-            value = float(getattr(self, name))
-            if not np.isfinite(value) or (name != "t" and value <= 0):
+            value = self.__dict__[name] = float(self.__dict__[name])
+            if not isfinite(value) or (name != "t" and value <= 0):
                 raise ValueError(f"{name} = {value:g}; it must be finite and (t apart) positive")
-            object.__setattr__(self, name, value)
         if self.generators is not None:
-            V = _frozen("generators", self.generators)
+            V = np.array(self.generators, np.float64, order="C")
             if V.ndim != 2 or V.shape[1] != k:
                 raise ValueError(f"generators must have shape (l, {k}); got {V.shape}")
-            object.__setattr__(self, "generators", V)
+            _refuse_nan("generators", V)
+            V.setflags(write=False)
+            self.__dict__["generators"] = V
 
     @property
     def m(self) -> int:
@@ -192,7 +216,11 @@ class ContactQP(Short):
     @cached_property
     def dense_A(self) -> Vector:
         """A as a dense, read-only C array."""
-        return _frozen("A", self.A.toarray()) if sp.issparse(self.A) else self.A  # type: ignore
+        if isinstance(self.A, np.ndarray):
+            return self.A
+        dense: Vector = self.A.toarray(order="C")
+        dense.setflags(write=False)
+        return dense
 
     def residual(self, x: ArrayLike) -> Vector:
         """r = A x + d, so that q̇_n = (h/α₀) D⁻¹ r (3.1b)."""

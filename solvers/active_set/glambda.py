@@ -26,7 +26,7 @@ import numpy as np
 from problems.qp import Solution, Status
 from problems.qp_kernel import CompiledMethod, Room
 from solvers.active_set.loop import CUSTOM, EXTRAPOLATED, ONLINE, SETTLED, TODAYS_QR, solve
-from solvers.active_set.method import CROSSOVER, ActiveSet, Modes, dense_room
+from solvers.active_set.method import CROSSOVER, ActiveSet, Modes, room_after
 from solvers.active_set.workspace import (
     COUNTS,
     OLD_K,
@@ -36,7 +36,6 @@ from solvers.active_set.workspace import (
     X,
     make_workspace,
 )
-from solvers.base import Start, usable
 
 SMALL_CALLS = 96
 """Columns up to which whole steps and collisions are taken in one call."""
@@ -71,15 +70,9 @@ class Glambda(ActiveSet):
         """A workspace for m rows and k columns, with what `start` remembers."""
         asked = eps0 if self.accuracy is None else self.accuracy
         eps0 = -1.0 if asked == "default" else float(asked)
-        start = usable(start)
-        if start is None or start.x is None:
-            room = make_workspace(m, k)
-        else:
-            room = start.memory
-            if type(room) is not Workspace or room.n < k or room.n < m:
-                before = Start(start.x, start.working_set, start.row_id, start.memory)
-                room = dense_room(m, k, before)
-        return Room(room.S, room.I, eps0, start is not None)
+        known = None if start is None else room_after(start, m, k)
+        room = make_workspace(m, k) if known is None else known
+        return Room(room.S, room.I, eps0, known is not None)
 
     def last_answer(self, room: Room) -> Solution:
         """What was solved last in a room."""

@@ -521,7 +521,11 @@ def append_column(S, I, m, mp, f, j, fresh, eps0, rounding):
 
 @kernel
 def finish(row_id, lower, upper, S, I, k, f):
-    """x in the units of the QP and the members of X, F and P; both remembered for the next QP."""
+    """x in the units of the QP and the members of X, F and P.
+
+    Both are remembered for the next QP, unless x is not finite.
+    """
+    total = 0.0
     for j in range(k):
         z = S[Z, j]
         x = z / S[LENGTH, j]
@@ -531,6 +535,7 @@ def finish(row_id, lower, upper, S, I, k, f):
         elif z >= S[UPPER, j]:
             x, member = upper[j], AT_UPPER
         S[X, j] = min(max(x, lower[j]), upper[j])
+        total += abs(S[X, j])
         I[MEMBER, j] = member
         I[OLD_ROW, j] = row_id[j]
     for c in range(f):
@@ -538,7 +543,7 @@ def finish(row_id, lower, upper, S, I, k, f):
         I[OLD_F, c] = I[F, c]
     for j in range(k):
         I[OLD_MEMBER, j] = I[MEMBER, j]
-    I[COUNTS, OLD_K] = k
+    I[COUNTS, OLD_K] = k if total < inf else -1
 
 
 @stage

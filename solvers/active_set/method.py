@@ -47,6 +47,7 @@ from __future__ import annotations
 
 import abc
 from dataclasses import dataclass, field
+from time import perf_counter
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -55,11 +56,8 @@ import scipy.sparse as sp
 from problems.qp import ContactQP, Solution, Status, WorkCounts
 from problems.qp_kernel import WARM
 from solvers.active_set.compiled import entry
-from solvers.active_set.loop import (
-    CUSTOM,
-    EXTRAPOLATED,
-    algorithm_2,
-)
+from solvers.active_set.loop import CUSTOM, EXTRAPOLATED, algorithm_2
+from solvers.active_set.room_answer import answered, staged
 from solvers.active_set.sparse.loop import TODAYS_A, sparse_algorithm_2
 from solvers.active_set.sparse.pattern import is_narrow, make_pattern
 from solvers.active_set.sparse.workspace import SparseWorkspace, make_sparse_workspace
@@ -90,7 +88,7 @@ from solvers.active_set.workspace import (
     X,
     make_workspace,
 )
-from solvers.base import Answer, Form, Solver, Start
+from solvers.base import Answer, Form, Solver, Start, usable
 
 CROSSOVER = 48
 """Columns up to which today's factorization is faster than an old R, dense or sparse.
@@ -123,11 +121,11 @@ class Modes(NamedTuple):
     crossover: int
 
 
-class SparseCall(NamedTuple):
-    """The arguments of `sparse_algorithm_2`, and the workspace that they come from."""
+class Call(NamedTuple):
+    """The arguments of `algorithm_2` or of `sparse_algorithm_2`, and the room among them."""
 
     arguments: tuple[Any, ...]
-    room: SparseWorkspace
+    room: Workspace | SparseWorkspace
 
 
 def check_limit(option: str, value: float | None) -> None:
@@ -155,6 +153,20 @@ def dense_room(m: int, k: int, start: Start) -> Workspace:
         room = make_workspace(0, start.x.size)
         remember(room, start)
     return make_workspace(m, k, room)
+
+
+def room_after(start: Solution, m: int, k: int) -> Workspace | None:
+    """The workspace of `start` if it is one and large enough, else one that holds what it knows.
+
+    None where it knows nothing.  What a workspace remembers is finite.
+    """
+    room = start.memory
+    if type(room) is Workspace and room.n >= k and room.n >= m:
+        return room
+    known = usable(start)
+    if known is None or known.x is None:
+        return None
+    return dense_room(m, k, Start(known.x, known.working_set, known.row_id, room))
 
 
 def sparse_room(A: sp.csc_array, start: Start | None) -> tuple[SparseWorkspace, bool] | None:
@@ -215,36 +227,57 @@ class ActiveSet(Solver):
         """Nothing: A and d are the method's own form."""
         return qp
 
-    def setup(self, problem: ContactQP, asked: float | None, start: Start | None) -> Any:
-        """Find room; everything else is part of `run`.  Returns the arguments of the kernel."""
-        A, k = problem.A, problem.lower.size
-        if k > CROSSOVER and type(A) is not np.ndarray:
-            sparse = sparse_room(A, start)
-            if sparse is not None:
-                return self._setup_sparse(problem, asked, start, *sparse)
-        modes = self._modes
-        small = k <= modes.crossover or problem.kind in EXACT_KINDS
+    def solve(self, qp: ContactQP, start: Solution | None = None) -> Solution:
+        """As every solver's; a dense QP takes no stages, which would cost more than the method."""
+        k = qp.lower.size
+        if k > CROSSOVER and type(qp.A) is not np.ndarray:
+            return super().solve(qp, start)
+        began = perf_counter()
+        room = None if start is None else room_after(start, qp.d.size, k)
+        asked = self.accuracy
+        if asked is None:
+            asked = qp.eps0
+        elif asked == "default":
+            asked = None
+        call, room = self._dense(qp, asked, room)
+        ready = perf_counter()
+        run_dense(*call)
+        clock = began, ready, perf_counter()
+        if room.I.item(STATUS) == SOLVED:  # of row COUNTS, which is the first
+            return answered(room, qp.row_id, clock)
+        answer = self._answer(room, k)
+        assert answer.working_set is not None
+        return Solution(
+            *(answer.x, qp.row_id, answer.status, answer.working_set, answer.iterations),
+            *(answer.status_text, answer.work, staged(clock), room),
+        )
+
+    def _dense(
+        self, qp: ContactQP, asked: float | None, room: Workspace | None
+    ) -> tuple[tuple[Any, ...], Workspace]:
+        """The arguments of `algorithm_2`, and their workspace: a new one, or what it remembers."""
+        d, lower, modes = qp.d, qp.lower, self._modes
+        small = lower.size <= modes.crossover or qp.kind in EXACT_KINDS
         mode = modes.small if small else modes.dense
-        if start is None:
-            room = make_workspace(problem.d.size, k)
+        if room is None:
+            room = make_workspace(d.size, lower.size)
         else:
             mode |= WARM
-            room = start.memory
-            if type(room) is not Workspace or room.n < k or room.n < problem.d.size:
-                room = dense_room(problem.d.size, k, start)
         if mode & (CUSTOM | EXTRAPOLATED):
-            self.hand_over(room, problem.t)
+            self.hand_over(room, qp.t)
+        eps0 = -1.0 if asked is None else asked
         return (
-            problem.dense_A,
-            problem.d,
-            problem.lower,
-            problem.upper,
-            problem.row_id,
-            room.S,
-            room.I,
-            -1.0 if asked is None else asked,
-            mode,
+            (qp.dense_A, d, lower, qp.upper, qp.row_id, room.S, room.I, eps0, mode),
+            room,
         )
+
+    def setup(self, problem: ContactQP, asked: float | None, start: Start | None) -> Call:
+        """Find room; everything else is part of `run`."""
+        found = sparse_room(problem.A, start)
+        if found is not None:
+            return self._setup_sparse(problem, asked, start, *found)
+        room = None if start is None else dense_room(problem.m, problem.k, start)
+        return Call(*self._dense(problem, asked, room))
 
     def _setup_sparse(
         self,
@@ -253,13 +286,13 @@ class ActiveSet(Solver):
         start: Start | None,
         room: SparseWorkspace,
         kept: bool,
-    ) -> SparseCall:
+    ) -> Call:
         mode = self._modes.sparse
         if problem.kind == "minimum_norm":
             mode |= TODAYS_A
         if mode & (CUSTOM | EXTRAPOLATED):
             self.hand_over(room, problem.t)
-        return SparseCall(
+        return Call(
             (
                 *(problem.A.data, problem.d, problem.lower, problem.upper, problem.row_id),
                 *(room.pattern, room.Bx, room.Lx, room.S, room.I, kept),
@@ -275,35 +308,32 @@ class ActiveSet(Solver):
         counts[PASSES] = -1 if self.iteration_limit is None else self.iteration_limit
         counts[INTERVAL], reals[CG_LIMIT] = 0, -1.0
 
-    def run(self, native: Any) -> None:
+    def run(self, native: Call) -> None:
         """Algorithm 2."""
-        if type(native) is tuple:
-            run_dense(*native)
+        if type(native.room) is Workspace:
+            run_dense(*native.arguments)
         else:
             sparse_algorithm_2(*native.arguments)
 
-    def read(self, qp: ContactQP, native: Any, result: Any) -> Answer:
+    def read(self, qp: ContactQP, native: Call, result: Any) -> Answer:
         """x, the working set and the counts out of the workspace."""
-        if isinstance(native, SparseCall):
-            room: Workspace | SparseWorkspace = native.room
-        else:
-            S, I = native[5:7]
-            room = Workspace(S, I, S.shape[1])
-        S, I = room.S, room.I
-        counts = I[COUNTS].tolist()
+        return self._answer(native.room, qp.k)
+
+    def _answer(self, room: Workspace | SparseWorkspace, k: int) -> Answer:
+        counts = room.I[COUNTS].tolist()
         work = WorkCounts(*counts[DIRECTIONS : FLOPS + 1])
         status = STATUSES.get(counts[STATUS], Status.ITERATION_LIMIT)
         complaint = ""
         if status is Status.INACCURATE:
-            complaint = f"largest wrong gradient {S[REALS, WRONG]:.1e}"
+            complaint = f"largest wrong gradient {room.S[REALS, WRONG]:.1e}"
         elif status is Status.ITERATION_LIMIT:
             complaint = f"{work.descent_directions} descent directions were not enough"
         return Answer(
-            x=S[X, : qp.k].copy(),
+            x=room.S[X, :k].copy(),
             status=status,
             iterations=work.descent_directions,
             status_text=complaint,
-            working_set=I[MEMBER, : qp.k].astype(np.int8),
+            working_set=room.I[MEMBER, :k].astype(np.int8),
             work=work,
             memory=room,
         )

@@ -16,6 +16,7 @@ that far: so that they are whole vector instructions even where m is 9.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,12 @@ class Workspace:
     S: Vector
     I: NDArray[np.int64]
     n: int
+
+    @cached_property
+    def x(self) -> Vector:
+        """The row that begins with x."""
+        row: Vector = self.S[X]
+        return row
 
 
 def make_workspace(m: int, k: int, previous: Workspace | None = None) -> Workspace:
