@@ -53,6 +53,8 @@ if TYPE_CHECKING:
     from problems.scenes import scene_names as scene_names
     from problems.sequence import SimulationError as SimulationError
     from problems.stepping.run import Run as Run
+    from solvers.active_set.sequence import PackedQPs as PackedQPs
+    from solvers.active_set.sequence import solve_sequence as solve_sequence
     from solvers.base import Answer as Answer
     from solvers.base import Solver as Solver
     from solvers.base import Start as Start
@@ -77,6 +79,7 @@ HOMES = {
     "problems.scenes": "Scene describe_scene scene scene_names",
     "problems.sequence": "SimulationError",
     "problems.stepping.run": "Run",
+    "solvers.active_set.sequence": "PackedQPs solve_sequence",
     "solvers.base": "Answer Solver Start Unsupported",
     "solvers.registry": "make_solver solver_names",
 }

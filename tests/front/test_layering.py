@@ -29,7 +29,7 @@ HEAVY = (
 )
 """Optional or slow packages, which load where they are used."""
 
-KNOWN = {"qp", "qp_kernel", "kernels", "registry"}
+KNOWN = {"qp", "qp_kernel", "kernels", "registry", "short"}
 """Modules of `problems` that a solver may know: the QP, how kernels are compiled, names."""
 
 FILES = sorted(path for package in MAY_IMPORT for path in (ROOT / package).rglob("*.py"))

@@ -1,0 +1,155 @@
+"""A whole sequence of QPs in one compiled call, each warm from the one before it.
+
+Called from Python, a QP of eight columns takes several times as long as its kernel.  Here the QPs
+lie one after the other in flat arrays, and Python is entered once.  The answers are those of
+`solver.solve(qp, last)`, bit for bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from problems.kernels.numba_internals import in_rows, lent, read_only
+from problems.qp import ContactQP, Indices, Vector
+from problems.qp_kernel import WARM, X, method_at
+from problems.short import Short
+from solvers.active_set.compiled import kernel
+from solvers.active_set.glambda import SMALL_CALLS, Glambda
+from solvers.active_set.workspace import COUNTS, DIRECTIONS, make_workspace
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PackedQPs(Short):
+    """QPs one after the other in flat arrays, of Σmk, Σm and Σk entries.
+
+    m, k : (n,) rows and columns of each
+    A : of each its m k entries, row by row
+    d, lower, upper, row_id : of each
+    eps0 : (n,) accuracy in ‖A δx‖ asked of each; negative: the method's default
+    """
+
+    m: Indices
+    k: Indices
+    A: Vector
+    d: Vector
+    lower: Vector
+    upper: Vector
+    row_id: Indices
+    eps0: Vector
+
+    @classmethod
+    def of(cls, qps: Iterable[ContactQP]) -> PackedQPs:
+        """These QPs, in this order."""
+        listed = list(qps)
+
+        def joined(parts: list[Any], dtype: type) -> Any:
+            return np.concatenate([np.zeros(0), *parts]).astype(dtype)
+
+        return cls(
+            np.array([qp.m for qp in listed], np.int64),
+            np.array([qp.k for qp in listed], np.int64),
+            joined([qp.dense_A.ravel() for qp in listed], np.float64),
+            joined([qp.d for qp in listed], np.float64),
+            joined([qp.lower for qp in listed], np.float64),
+            joined([qp.upper for qp in listed], np.float64),
+            np.concatenate([np.zeros(0, np.int64), *(qp.row_id for qp in listed)]),
+            np.array([qp.eps0 for qp in listed]),
+        )
+
+    def __len__(self) -> int:
+        return int(self.m.size)
+
+    def _title(self) -> str:
+        return "packed"
+
+    def _sizes(self) -> dict[str, Any]:
+        return {"QPs": len(self), "columns": int(self.k.max(initial=0))}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SequenceSolution(Short):
+    """What was found for `PackedQPs`.
+
+    values : (Σk,) x of each, one after the other
+    k : (n,) columns of each
+    solved : (n,) bool, the method's own word, as ever to be judged by A x
+    directions : (n,) descent directions that each took
+    """
+
+    values: Vector
+    k: Indices
+    solved: NDArray[np.bool_]
+    directions: Indices
+
+    @cached_property
+    def x(self) -> list[Vector]:
+        """(k,) for each QP."""
+        return np.split(self.values, np.cumsum(self.k)[:-1]) if self.k.size else []
+
+    def _title(self) -> str:
+        return "sequence"
+
+    def _sizes(self) -> dict[str, Any]:
+        return {"QPs": self.k.size, "solved": int(self.solved.sum())}
+
+
+@kernel
+def solve_all(method, m, k, A, d, lower, upper, row_id, eps0, S, I, mode, warm, x, solved, count):
+    """Each QP by the method at an address, in a room that is large enough for all."""
+    solve = method_at(method)
+    A, d, lower, upper = lent(A), lent(d), lent(lower), lent(upper)
+    row_id, S, I = lent(row_id), lent(S), lent(I)
+    entry = row = column = 0
+    for i in range(m.size):
+        end_row, end = row + m[i], column + k[i]
+        solved[i] = solve(
+            read_only(in_rows(A[entry : entry + m[i] * k[i]], m[i], k[i])),
+            read_only(d[row:end_row]),
+            read_only(lower[column:end]),
+            read_only(upper[column:end]),
+            read_only(row_id[column:end]),
+            S,
+            I,
+            eps0[i],
+            mode | WARM if warm and i > 0 else mode,
+        )
+        count[i] = I[COUNTS, DIRECTIONS]
+        for j in range(k[i]):
+            x[column + j] = S[X, j]
+        entry, row, column = entry + m[i] * k[i], end_row, end
+
+
+def solve_sequence(
+    qps: Iterable[ContactQP] | PackedQPs, *, accuracy: float | None = None, warm: bool = True
+) -> SequenceSolution:
+    """Solve QPs by our own method, one after the other, in one compiled call.
+
+    qps : of up to `SMALL_CALLS` columns; packed beforehand, no time is spent on that
+    accuracy : in ‖A δx‖; None: each QP's own `eps0`
+    warm : whether each starts from the answer to the one before it, by `row_id`
+
+    Raises ValueError for a QP of more columns, and for an accuracy that is not positive.
+    """
+    packed = qps if isinstance(qps, PackedQPs) else PackedQPs.of(qps)
+    largest = int(packed.k.max(initial=0))
+    method = Glambda(accuracy).compiled(largest)
+    if method is None:
+        raise ValueError(
+            f"a QP of the sequence has {largest} columns, and one call takes up to {SMALL_CALLS}; "
+            'solve it by make_solver("glambda"), which is no slower then'
+        )
+    n = len(packed)
+    x, solved, count = np.empty(packed.k.sum()), np.zeros(n, np.bool_), np.zeros(n, np.int64)
+    room = make_workspace(int(packed.m.max(initial=0)), largest)
+    eps0 = packed.eps0 if accuracy is None else np.full(n, float(accuracy))
+    solve_all(
+        *(method.solve, packed.m, packed.k, packed.A, packed.d, packed.lower, packed.upper),
+        *(packed.row_id, eps0, room.S, room.I, method.mode, warm, x, solved, count),
+    )
+    return SequenceSolution(x, packed.k, solved, count)
