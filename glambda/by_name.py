@@ -11,7 +11,6 @@ from harness.names import METHOD
 from harness.recordings.recording import Recording
 from problems.scenes import Scene, scene
 from problems.stepping.run import Run
-from reports.rows.results import load_results as read_rows
 from solvers.base import Solver
 from solvers.registry import make_solver
 
@@ -51,6 +50,8 @@ def load_results(folder: str | Path) -> pd.DataFrame:
 
     Raises ValueError where the folder holds none, or such as must not stand in one table.
     """
+    from reports.rows.results import load_results as read_rows  # pandas, which takes half a second
+
     rows = read_rows(folder).everything
     if rows.empty:
         raise ValueError(f"{folder}: holds no solves; give a folder that a replay has written")

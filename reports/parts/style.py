@@ -89,11 +89,19 @@ def drawing() -> Iterator[type[Figure]]:
         yield Figure
 
 
+BOTH = ".svg+png"
+"""The suffix of a path that stands for two files."""
+
+
 def save(figure: Figure, path: Path) -> Path:
-    """Write a figure as SVG, PNG or PDF, by the suffix of `path`, without any date.
+    """Write a figure as SVG, PNG or PDF, by the suffix of `path`, or as `BOTH`; without any date.
 
     A PNG has a palette of 256 colours, which these figures of few need, and under half the bytes.
     """
+    if path.suffix == BOTH:
+        for suffix in BOTH[1:].split("+"):
+            save(figure, path.with_suffix(f".{suffix}"))
+        return path
     path.parent.mkdir(parents=True, exist_ok=True)
     _plain_powers(figure)
     if path.suffix == ".png":
@@ -141,9 +149,8 @@ def in_letters(power: str) -> str:
 
 
 def draw_files(draw: Callable[[Path], Any], stem: Path) -> None:
-    """Draw a figure twice, into `stem`.svg and `stem`.png; `draw` is told where."""
-    for suffix in (".svg", ".png"):
-        draw(stem.with_name(stem.name + suffix))
+    """Draw a figure into `stem`.svg and `stem`.png; `draw` hands the path on to `save`."""
+    draw(stem.with_name(stem.name + BOTH))
 
 
 def _save_painted(figure: Figure, path: Path) -> None:
