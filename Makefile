@@ -8,6 +8,7 @@
 # make test    all tests
 # make check   those that a person runs while working: under a minute, and it says what it leaves out
 # make rounding  the numerically delicate tests once more, rounded as on another processor
+# make oldest  all tests with the oldest versions that pyproject.toml allows, in .venv-oldest
 # make docs    the documentation as a site, which it installs Sphinx for: site/index.html
 # Each makes the virtual environment .venv first if it is missing; Python 3.11 or newer is needed.
 
@@ -19,7 +20,7 @@ INSTALLED := $(VENV)/.installed
 FRICTION := results/recordings/fig4.h5 results/recordings/fig5.h5
 SCENES := results/recordings/fig2.h5 results/recordings/fig3.h5 $(FRICTION)
 
-.PHONY: study quick publish campaigns peers growth bench floors test check rounding lint docs clean
+.PHONY: study quick publish campaigns peers growth bench floors test check rounding oldest lint docs clean
 
 study: $(INSTALLED)
 	$(BIN)/glambda study
@@ -102,6 +103,13 @@ rounding: $(INSTALLED)
 	$(BIN)/python -m tests.endurance.processors --run another -m harness.machine.kernels
 	$(BIN)/python -m tests.endurance.processors --run another -m pytest -n auto -m rounding
 
+oldest:
+	test -x .venv-oldest/bin/python || $(PYTHON) -m venv .venv-oldest
+	sed -n 's/^ *"\([A-Za-z0-9_-]*\)>=\([0-9.]*\)",$$/\1==\2/p' pyproject.toml > .venv-oldest/oldest.txt
+	.venv-oldest/bin/python -m pip install --quiet -c .venv-oldest/oldest.txt -e '.[dev]'
+	.venv-oldest/bin/python -m harness.machine.kernels
+	.venv-oldest/bin/python -m pytest -n auto
+
 lint: $(INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -121,4 +129,4 @@ $(INSTALLED): pyproject.toml
 	touch $@
 
 clean:
-	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-oldest build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
