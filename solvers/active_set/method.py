@@ -273,9 +273,10 @@ class ActiveSet(Solver):
 
     def setup(self, problem: ContactQP, asked: float | None, start: Start | None) -> Call:
         """Find room; everything else is part of `run`."""
-        found = sparse_room(problem.A, start)
-        if found is not None:
-            return self._setup_sparse(problem, asked, start, *found)
+        if type(problem.A) is not np.ndarray:
+            found = sparse_room(problem.A, start)
+            if found is not None:
+                return self._setup_sparse(problem, asked, start, *found)
         room = None if start is None else dense_room(problem.m, problem.k, start)
         return Call(*self._dense(problem, asked, room))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -178,7 +179,7 @@ def test_a_smaller_workspace_hands_its_memory_on():
     first = solver.solve(small)
     first.memory.S[...] = first.memory.S  # stays as it is
     grown = make_workspace(10 * first.memory.n, 1, first.memory)
-    again = solver.solve(large, type(first)(**(vars(first) | {"memory": grown})))
+    again = solver.solve(large, replace(first, memory=grown))
     assert again.found and again.work.qr_factorizations == 0
     assert force_error(large, again.x, large.A @ first.x) <= 1e-9
 
@@ -196,7 +197,7 @@ def test_the_loop_allocates_nothing():
         "qps = [qp for qp, _ in contact_sequence(1)]\n"
         "last = solver.solve(qps[0])\n"
         "start = Start(None, None, None, last.memory)\n"
-        "native = solver.setup(qps[0], 1e-9, start)\n"
+        "native = solver.setup(qps[0], 1e-9, start).arguments\n"
         "nothing = numba.njit(lambda A, d, l, u, ids, S, I, eps0, mode: None)\n"
         "nothing(*native)\n"
         "made = []\n"
