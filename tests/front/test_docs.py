@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import shlex
 import sys
@@ -98,6 +99,7 @@ def importable(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 def test_a_plug_in_that_is_begun_passes_its_own_test(kind: str, importable: Path) -> None:
     begun = CliRunner().invoke(app, ["new", kind, "mine"])
     assert begun.exit_code == 0, begun.output
+    importlib.invalidate_caches()  # the folder has been looked into before the package was there
     tests: dict[str, object] = {}
     exec((importable / "mine/tests/test_mine.py").read_text(), tests)
     (test,) = (value for name, value in tests.items() if name.startswith("test_"))
