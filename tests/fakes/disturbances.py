@@ -8,7 +8,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
+
+import psutil
 
 from harness.passes.measure import Reply
 from harness.passes.wire import Question
@@ -31,12 +34,20 @@ STARTED: list[subprocess.Popen[bytes]] = []
 
 def server_is_killed(process: Process) -> None:
     os.kill(server()._process.pid, signal.SIGKILL)
-    time.sleep(0.3)
+    _wait_for_the_end_of(process)  # it ends with its server
 
 
 def is_killed(process: Process) -> None:
     os.kill(process.pid, signal.SIGKILL)
-    time.sleep(0.1)
+    _wait_for_the_end_of(process)
+
+
+def _wait_for_the_end_of(process: Process) -> None:
+    while psutil.pid_exists(process.pid):
+        with suppress(psutil.NoSuchProcess):
+            if psutil.Process(process.pid).status() == psutil.STATUS_ZOMBIE:
+                return
+        time.sleep(0.01)
 
 
 def all_stand_still(process: Process) -> None:

@@ -221,7 +221,8 @@ def test_results_of_something_else_are_refused(tmp_path: Path) -> None:
 def test_crashes_and_hangs_cost_one_loop(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(isolated_loops, "GRACE", 3.0)
     monkeypatch.setattr("harness.motions.loop_store.solver_version", lambda name: "none")
-    loops = [replace(LOOP, solver=crime, time_limit=0.1) for crime in CRIMES]
+    limits = {crime: 0.1 if crime == "hangs" else 60.0 for crime in CRIMES}
+    loops = [replace(LOOP, solver=crime, time_limit=limits[crime]) for crime in CRIMES]
     seen: list[float] = []
     run_isolated(
         loops,

@@ -41,7 +41,7 @@ from harness.passes.wire import (
 from harness.processes import isolate, process
 from harness.processes.own_process import cause_of_death
 from harness.processes.process import server
-from harness.results.shard_file import FROM_PASSES
+from harness.results.shard_file import BY_CLOCK
 from harness.results.store import StoreError, read_spent
 from problems.qp import WorkCounts
 from solvers import registry
@@ -50,27 +50,32 @@ from tests.fakes.fake_recordings import fake_recording
 from tests.fakes.random_qps import random_qp
 
 pytestmark = pytest.mark.skipif(not isolate.is_available(), reason="the system cannot fork")
-SHORT = 1.0
-"""Hard limit of these tests [s]."""
+SHORT = 2.0
+"""Hard limit of those that do not come back [s]; the others have that of every study, which an
+honest answer does not reach on a busy machine either."""
 
 
 @pytest.fixture(scope="module", autouse=True)
 def known() -> Iterator[None]:
-    """The criminals, by name, and a hard limit that is soon reached."""
+    """The criminals, by name."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(registry, "_REGISTERED", targets())
-        for module in ("harness.processes.isolate", "harness.study.replay"):
-            patch.setattr(sys.modules[module], "hard_limit", lambda _: SHORT)
-        patch.setattr(isolate, "FIRST_CALL", 1.0)
         yield
 
 
 @pytest.fixture(scope="module")
 def study() -> pd.DataFrame:
-    """The rows of one study in which every crime is committed."""
-    names = list(targets())
-    rows = replay(fake_recording(), names, arms=["cold"], repeats=2, memory_limit=MEMORY_LIMIT)
-    return rows.sort_values(["solver", "step"])
+    """The rows of two studies in which every crime is committed, as they end by themselves or do
+    not."""
+    options: Any = {"arms": ["cold"], "repeats": 2, "memory_limit": MEMORY_LIMIT}
+    endless = [name for name, crime in CRIMES.items() if crime.verdict == "timeout"]
+    rows = replay(fake_recording(), [n for n in targets() if n not in endless], **options)
+    with pytest.MonkeyPatch.context() as patch:
+        for module in ("harness.processes.isolate", "harness.study.replay"):
+            patch.setattr(sys.modules[module], "hard_limit", lambda _: SHORT)
+        patch.setattr(isolate, "FIRST_CALL", SHORT)
+        others = replay(fake_recording(), endless, **options)
+    return pd.concat([rows, others]).sort_values(["solver", "step"], ignore_index=True)
 
 
 def rows_of(study: pd.DataFrame, name: str) -> pd.DataFrame:
@@ -116,9 +121,11 @@ def test_a_killed_solve_has_the_time_that_was_waited_for_it(study: pd.DataFrame)
 def test_who_lies_about_the_time_has_ours(study: pd.DataFrame, name: str) -> None:
     row = CRIMES[name].row(rows_of(study, name))
     assert row["runtime"] == row["call_time"] > 0
-    honest = rows_of(study, "Honest")
-    own = honest["setup_time"] + honest["solve_time"]
-    assert (honest["runtime"] == own).all() and (own < honest["call_time"]).all()
+    assert np.isnan(row["setup_time"]) and np.isnan(row["solve_time"]) and not row["believed"]
+    # What is believed depends on what else the machine does.
+    heard = study[study["believed"]]
+    own = heard["setup_time"] + heard["solve_time"]
+    assert (heard["runtime"] == own).all() and (own <= heard["call_time"]).all()
 
 
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="asks /proc")
@@ -133,7 +140,7 @@ def test_no_process_is_left(study: pd.DataFrame) -> None:
                 lines.append(path.read_text())
         return [line for line in lines if str(server().folder) in line]
 
-    assert len(of_ours()) == 1  # the server
+    assert wait_for(lambda: len(of_ours()) == 1)  # the server
 
 
 def processes_with(word: str) -> set[int]:
@@ -205,8 +212,10 @@ def test_processes_end_with_their_parent(
     run: Any, tmp_path: Path, how: signal.Signals, solver: str
 ) -> None:
     program, word = run("Honest", "forks", solver)
-    kept = tmp_path / "solves" / "fake__Honest__paper__cold.parquet"
-    assert wait_for(kept.exists)
+    kept, before = (
+        tmp_path / "solves" / f"fake__{name}__paper__cold.parquet" for name in ("Honest", "forks")
+    )
+    assert wait_for(before.exists) and kept.exists()
     assert wait_for(lambda: len(processes_with(word)) >= 3)
     program.send_signal(how)
     _, err = program.communicate(timeout=60)
@@ -217,7 +226,7 @@ def test_processes_end_with_their_parent(
 
 
 def test_a_study_that_is_resumed_has_the_same_rows(study: pd.DataFrame, tmp_path: Path) -> None:
-    names = ["segfault", "Honest", "endless_loop", "lies", "forks"]
+    names = ["segfault", "Honest", "forks", "lies", "abort"]
     options: Any = {
         "arms": ["cold"],
         "repeats": 2,
@@ -228,7 +237,7 @@ def test_a_study_that_is_resumed_has_the_same_rows(study: pd.DataFrame, tmp_path
 
     def interrupt(what: str, done: float, total: float) -> None:
         told.append(what)
-        if "endless" in what:
+        if "forks" in what:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -236,7 +245,7 @@ def test_a_study_that_is_resumed_has_the_same_rows(study: pd.DataFrame, tmp_path
     assert told
     rows = replay(fake_recording(), names, **options).sort_values(["solver", "step"])
     before = study[study["solver"].isin(names)]
-    times = list(FROM_PASSES)
+    times = list(BY_CLOCK)
     pd.testing.assert_frame_equal(
         rows.drop(columns=times).reset_index(drop=True),
         before.drop(columns=times).reset_index(drop=True),
@@ -247,7 +256,7 @@ def test_the_same_rows_come_from_our_own_process() -> None:
     options: Any = {"settings": ["high"], "repeats": 1}
     solvers = ["Honest", "lies", "nan", "picks_and_chooses", "scipy_bvls", "glambda", "daqp"]
     rows = [replay(fake_recording(), solvers, isolate=flag, **options) for flag in (True, False)]
-    how = [*FROM_PASSES, "executor"]
+    how = [*BY_CLOCK, "executor"]
     pd.testing.assert_frame_equal(*(part.drop(columns=how) for part in rows))
 
 
@@ -423,5 +432,4 @@ def test_causes_of_death_have_names() -> None:
 
 
 def test_the_hard_limit_is_far_beyond_the_soft_one() -> None:
-    # The module's own, not the short one of these tests.
     assert hard_limit(1.0) == 11.0 and hard_limit(0.001) > 1.0

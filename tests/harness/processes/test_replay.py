@@ -54,7 +54,7 @@ def test_rows_have_the_columns_of_the_store_and_are_judged() -> None:
     assert (liar.loc[~unmoved & (liar["step"] != 4), "verdict"] == "claimed_wrong").all()
     assert (liar.loc[liar["step"] == 4, "verdict"] == "undecided").all()  # a bound proves nothing
     assert (right["repeats"] == 2).all() and (right["iterations"] == 3).all()
-    assert (right["runtime"] > 0).all() and (right["call_time"] > right["runtime"]).all()
+    assert (right["runtime"] > 0).all() and (right["call_time"] >= right["runtime"]).all()
     assert (right["runtime_median"] >= right["runtime"]).all()
 
 
@@ -152,9 +152,9 @@ def test_late_answers_are_timeouts_and_patience_ends() -> None:
 
 
 def test_slow_passes_are_not_repeated() -> None:
-    rows = replay(fake_recording(), ["right", "slow"], arms=["cold"], repeats=2, slow_pass=0.15)
-    repeats = rows.groupby("solver")["repeats"].first()
-    assert repeats["right"] == 2 and repeats["slow"] == 1
+    for slow_pass, repeats in ((0.15, 1), (60.0, 2)):  # it sleeps for 0.22 s
+        rows = replay(fake_recording(), ["slow"], arms=["cold"], repeats=2, slow_pass=slow_pass)
+        assert (rows["repeats"] == repeats).all()
 
 
 def test_garbage_collection_is_off_in_a_pass_and_on_after(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -93,6 +93,14 @@ def test_a_call_that_raised_counts_as_a_whole() -> None:
     assert summarise(times)["runtime"] == [0.5]
 
 
+def test_who_is_charged_no_more_than_was_told_is_believed() -> None:
+    told = [1.0, 1.0, 1.0, 4.0, 0.0, 1.0, 0.1]
+    unheard = [np.nan, np.nan, np.nan, 4.0, 0.0, np.nan, 0.1]
+    found = summarise(np.array([[told, [*told[:4], 1.5, *told[5:]], unheard, [np.nan] * 7]]))
+    assert found["believed"].tolist() == [True, False, False, False]
+    assert found["runtime"][:3].tolist() == [2.0, 3.5, 4.0]
+
+
 def test_load_gives_back_what_was_saved(tmp_path: Path) -> None:
     store = Store(tmp_path)
     assert store.load(KEY) is None
