@@ -27,6 +27,7 @@ from problems import Run
 from problems.bodies.bodies import GROUND
 from problems.bodies.forces import Load
 from problems.bodies.shapes import cross
+from problems.contacts.geometry import Geometry
 from problems.qp import NORMAL, ContactQP, Solution, Vector
 from problems.scenes import Scene
 from problems.sequence import WARM_KINDS
@@ -54,6 +55,8 @@ def overlap(scene: Scene, q: Vector) -> Vector:
 
     (n,), negative if apart; parts whose circumscribed circles are apart are not looked at.
     """
+    if any(body.disc for body in scene.bodies):
+        return _overlap_of_discs(scene, q)
     parts = [(b, polygon) for b, body in enumerate(scene.bodies) for polygon in body.polygons]
     corners = [_placed(polygon, q[:, b]) for b, polygon in parts]
     deepest = np.full(len(q), -np.inf)
@@ -69,6 +72,21 @@ def overlap(scene: Scene, q: Vector) -> Vector:
         normal = np.array(plane.normal) / np.hypot(*plane.normal)
         for one in corners:
             deepest = np.maximum(deepest, -((one - plane.point) @ normal).min(axis=1))
+    return deepest
+
+
+def _overlap_of_discs(scene: Scene, q: Vector) -> Vector:
+    """`overlap` of a scene with discs, (n,), by the contact geometry's own distances."""
+    geometry = Geometry(scene.bodies, scene.ground)
+    number, deepest = len(geometry.part_body), np.full(len(q), -np.inf)
+    pairs = [
+        (one, two)
+        for one in range(geometry.n_moving)
+        for two in range(one + 1, number)
+        if geometry.part_body[one] != geometry.part_body[two]
+    ]
+    for i, pose in enumerate(geometry.pose(now.ravel()) for now in q):
+        deepest[i] = max((geometry.penetration(pose, pair) for pair in pairs), default=-np.inf)
     return deepest
 
 
@@ -126,20 +144,32 @@ def loaded_gaps(scene: Scene, q: Vector, qp: ContactQP, x: Vector) -> Vector:
     """
     normal = qp.feature[:, 4] == NORMAL
     pushes = normal & (x > PUSHES * x[normal].max(initial=0.0)) & (x > 0)
-    gaps = []
+    gaps: list[float] = []
     for body, corner, other, edge, _ in qp.feature[pushes]:
+        if scene.bodies[body].disc:
+            gaps.append(_gap_of_disc(scene, q, body, other, edge))
+            continue
         point = _placed(np.concatenate(scene.bodies[body].polygons)[[corner]], q[[body]])[0, 0]
         if other == GROUND:
             plane = scene.ground[edge]
-            gaps.append((point - plane.point) @ plane.normal / np.hypot(*plane.normal))
+            gaps.append(float((point - plane.point) @ plane.normal / np.hypot(*plane.normal)))
         else:
             sides = [
                 np.stack([polygon, np.roll(polygon, -1, axis=0)], axis=1)
                 for polygon in scene.bodies[other].polygons
             ]
             start, end = _placed(np.concatenate(sides)[edge], q[[other]])[0]
-            gaps.append(cross(point - start, end - start) / np.linalg.norm(end - start))
+            gaps.append(float(cross(point - start, end - start) / np.linalg.norm(end - start)))
     return np.array(gaps)
+
+
+def _gap_of_disc(scene: Scene, q: Vector, body: int, other: int, plane: int) -> float:
+    """Distance [m] of a disc from the nearest part of another body, or from one half plane."""
+    geometry = Geometry(scene.bodies, scene.ground)
+    parts = np.flatnonzero(geometry.part_body == other)
+    parts = parts[plane : plane + 1] if other == GROUND else parts
+    centre = np.repeat(np.flatnonzero(geometry.corner_body == body), parts.size)
+    return float(geometry.clearance(geometry.pose(q.ravel()), centre, parts).min())
 
 
 def signorini(run: Run) -> dict[str, float]:

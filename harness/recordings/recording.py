@@ -96,7 +96,8 @@ class Recording(Short):
     eps, gravity : of the run, NaN where nobody knows;  code_version : of the code that made it
     qps, solutions, references : one each per QP; a reference that was not accepted is None
     mu : for each QP (k,), the friction coefficient of a tangent row's contact; 0 elsewhere
-    polygons : for each body its convex polygons, (c, 2) corners in body coordinates [m]
+    polygons : for each body its convex polygons, (c, 2) corners in body coordinates [m]; a disc is
+        one of one corner, (radius, 0)
     t : (n,), q, v : (n, bodies, 3)   the accepted steps
     events : `Event`s in order of time;  counts : the stepper's work counts
     """

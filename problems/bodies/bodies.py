@@ -1,7 +1,8 @@
 """Rigid bodies of the plane, and the mass matrix M = DᵀD of a system of them (2.1), (2.2).
 
 A body has the coordinates (x, y, φ): the centre of gravity [m] and the angle [rad].  Its shape is
-one convex polygon, or several when it is not convex, in coordinates about its centre of gravity.
+one convex polygon, or several when it is not convex, in coordinates about its centre of gravity; or
+a disc about it.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ GROUND = -1
 class Body:
     """A rigid body.
 
-    polygons : convex parts, each (c, 2) [m], counter-clockwise about the centre of gravity
+    polygons : convex parts, each (c, 2) [m], counter-clockwise about the centre of gravity; a disc
+        is one part of one corner, (radius, 0)
     mass : [kg] (per metre of depth)
     inertia : moment of inertia about the centre of gravity [kg·m²]
 
@@ -49,6 +51,19 @@ class Body:
             raise ValueError(f"Body: {kept}; both must be positive")
         if not self.polygons:
             raise ValueError("Body: polygons is empty; a body needs at least one convex part")
+        if any(len(part) == 1 for part in self.polygons):
+            alone = len(self.polygons) == 1
+            x, y = np.asarray(self.polygons[0], dtype=np.float64)[0] if alone else (np.nan, np.nan)
+            if not (0 < x < np.inf and y == 0):
+                raise ValueError(
+                    "Body: polygons has a part of one corner; that is a disc, which is a body of "
+                    "its own, with the corner (radius, 0)"
+                )
+
+    @property
+    def disc(self) -> float:
+        """Radius of a disc [m], 0 of anything else."""
+        return float(self.polygons[0][0, 0]) if len(self.polygons[0]) == 1 else 0.0
 
     @property
     def radius(self) -> float:
@@ -88,6 +103,19 @@ def box(width: float, height: float, density: float = 1.0) -> Body:
     if not (0 < width < np.inf and 0 < height < np.inf):
         raise ValueError(f"a box needs positive sides; got {width:g} × {height:g}")
     return polygon_body(box_corners(width, height), density)
+
+
+def disc(radius: float, density: float = 1.0) -> Body:
+    """Disc of `radius` [m] and uniform `density` [kg/m²]: mass ρπr², moment of inertia ½mr².
+
+    Raises ValueError for a radius or density that is not positive.
+    """
+    if not (0 < radius < np.inf and 0 < density < np.inf):
+        raise ValueError(f"radius = {radius:g}, density = {density:g}; both must be positive")
+    rim = np.array([(radius, 0.0)])
+    rim.setflags(write=False)
+    mass = float(density * np.pi * radius * radius)
+    return Body((rim,), mass, 0.5 * mass * radius * radius)
 
 
 def mass_diagonal(bodies: Sequence[Body]) -> Vector:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from problems.contacts.geometry_kernels import is_round, nearest_feature
 from problems.kernels.compiled import kernel
 
 
@@ -16,8 +17,8 @@ def boxes(corners, first, size, moving):
         box[p, 2] = box[p, 3] = -np.inf
         for c in range(first[p], first[p] + size[p]):
             for j in range(2):
-                box[p, j] = min(box[p, j], corners[c, j])
-                box[p, 2 + j] = max(box[p, 2 + j], corners[c, j])
+                box[p, j] = min(box[p, j], corners[c, j] - corners[c, 2])
+                box[p, 2 + j] = max(box[p, 2 + j], corners[c, j] + corners[c, 2])
     return box
 
 
@@ -25,17 +26,26 @@ def boxes(corners, first, size, moving):
 def add_near(found, count, one, other, margin, pose, first, size, part_body, normal, offset):
     """Append to found (·, 2) from `count` on the corners of part `one` within `margin` of `other`.
 
+    A disc and a polygon are one pair, of the disc's centre and the polygon, whatever of it is near;
+    two discs the centre of the first and the second.
+
     Returns found, made longer where it was full, and the count.
     """
     corners, centres, cosine, sine = pose
     b = part_body[other]
+    if is_round(normal[other], 0) and (corners[first[one], 2] == 0.0 or one > other):
+        return found, count
     for c in range(first[one], first[one] + size[one]):
         x, y = corners[c, 0] - centres[b, 0], corners[c, 1] - centres[b, 1]
         local_x, local_y = cosine[b] * x + sine[b] * y, cosine[b] * y - sine[b] * x
         most = -np.inf
-        for e in range(offset.shape[1]):
-            value = normal[other, e, 0] * local_x + normal[other, e, 1] * local_y
-            most = max(most, value - offset[other, e])
+        if corners[c, 2] > 0.0:
+            distance = nearest_feature(local_x, local_y, normal[other], offset[other])[0]
+            most = distance - corners[c, 2]
+        else:
+            for e in range(offset.shape[1]):
+                value = normal[other, e, 0] * local_x + normal[other, e, 1] * local_y
+                most = max(most, value - offset[other, e])
         if most <= margin:
             if count == found.shape[0]:
                 longer = np.empty((2 * count, 2), dtype=np.int64)

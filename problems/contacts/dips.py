@@ -14,6 +14,12 @@ are free.  With c the corner and a, b its body and the part's,
     C = |c̈ − ẍ_b| + 2 |ω_b| |ċ − ẋ_b| + (ω_b² + |α_b|) |c − x_b|
 
 at its largest on the whole path, on which accelerations are constant (3.1a).
+
+What is said of an edge holds of any direction u that turns with the part: with p the point of the
+part that is farthest along u, the distance of c is at least φ_u = u·(c − p), and |φ̈_u| ≤ C for
+|u| = 1.  A disc, which a corner of the part may keep out where no edge does, is kept out over a
+stretch where φ_u ≥ ρ for the direction u from the nearest point of the part to the disc's centre at
+either end of it.  A part that is a disc itself is not followed in its turning, and C is |c̈ − ẍ_b|.
 """
 
 from __future__ import annotations
@@ -22,6 +28,7 @@ import numpy as np
 
 from problems.bodies.path import Path
 from problems.contacts.geometry import Geometry
+from problems.contacts.geometry_kernels import edges_of, is_round, nearest_feature
 from problems.kernels.compiled import kernel
 from problems.qp import Indices, Vector
 
@@ -117,16 +124,104 @@ def _curvature_bound(path, h, bodies, radius):
 
 
 @kernel
+def _centre_at(path, h, bodies, turns):
+    """A disc's centre at q + h (velocity + h curvature), from that of the part's body.
+
+    turns : whether that is in the coordinates of this body
+    """
+    (q, velocity, curvature), (a, b) = path, bodies
+    place = np.zeros((2, 3))
+    for side in range(2):
+        body = a if side == 0 else b
+        if body >= 0:
+            for j in range(3):
+                i = 3 * body + j
+                place[side, j] = q[i] + h * (velocity[i] + h * curvature[i])
+    x, y = place[0, 0] - place[1, 0], place[0, 1] - place[1, 1]
+    if not turns:
+        return x, y
+    c, s = np.cos(place[1, 2]), np.sin(place[1, 2])
+    return c * x + s * y, c * y - s * x
+
+
+@kernel
+def _direction_from(x, y, normal, offset):
+    """u from the nearest point of a part to (x, y), and u·p of that point."""
+    distance, e = nearest_feature(x, y, normal, offset)
+    if is_round(normal, 0):
+        size = max(np.hypot(x, y), 1e-300)
+        return x / size, y / size, offset[0]
+    if e < offset.size:
+        return normal[e, 0], normal[e, 1], offset[e]
+    i = e - offset.size
+    before = (i - 1) % edges_of(offset)
+    # n_before·p and n_i·p are the offsets of both edges
+    x_0, y_0, x_1, y_1 = normal[before, 0], normal[before, 1], normal[i, 0], normal[i, 1]
+    sine = x_0 * y_1 - y_0 * x_1
+    p = (offset[before] * y_1 - offset[i] * y_0) / sine
+    r = (offset[i] * x_0 - offset[before] * x_1) / sine
+    size = max(distance, 1e-300)
+    u_x, u_y = (x - p) / size, (y - r) / size
+    return u_x, u_y, u_x * p + u_y * r
+
+
+@kernel
+def _kept_out(one, other, edges, sag, level):
+    """Whether the direction at the first of two places (2,) keeps a disc out between them."""
+    u_x, u_y, far = _direction_from(one[0], one[1], edges[0], edges[1])
+    here, there = u_x * one[0] + u_y * one[1] - far, u_x * other[0] + u_y * other[1] - far
+    return min(here, there) - sag >= level
+
+
+@kernel
+def first_dip_of_disc(path, h, bodies, radius, edges, floor, right):
+    """`first_dip` of a disc of this radius; right : (MAX_HALVINGS + 2,) is written to."""
+    turns = not is_round(edges[0], 0)
+    curvature, (a, b) = path[2], bodies
+    if turns:
+        bend = _curvature_bound(path, h, bodies, 0.0)
+    else:
+        x, y = curvature[3 * a] - curvature[3 * b], curvature[3 * a + 1] - curvature[3 * b + 1]
+        bend = 2 * np.hypot(x, y)
+    level = radius + floor - SHALLOW
+    start, top = 0.0, 0
+    right[0] = h
+    while top >= 0:
+        length = right[top] - start
+        one = _centre_at(path, start, bodies, turns)
+        other = _centre_at(path, right[top], bodies, turns)
+        sag = bend * length * length / 8
+        inside = nearest_feature(other[0], other[1], edges[0], edges[1])[0] < level
+        if top == MAX_HALVINGS and inside:
+            return start, right[top]
+        free = _kept_out(one, other, edges, sag, level) or _kept_out(other, one, edges, sag, level)
+        if free or top == MAX_HALVINGS:
+            start = right[top]
+            top -= 1
+            continue
+        middle = start + length / 2
+        top += 1
+        right[top] = middle
+        x, y = _centre_at(path, middle, bodies, turns)
+        if nearest_feature(x, y, edges[0], edges[1])[0] < level:
+            return start, middle
+    return np.inf, np.inf
+
+
+@kernel
 def first_dip(path, h, bodies, local, edges, floor, scratch):
     """Start and end of the first stretch found at whose end a corner of body a is below its floor.
 
     Both are inf where there is none.
 
     path : q, velocity and curvature of `Path`;  bodies : a, b, those of the corner and of the part
-    local : (2,) the corner in its body;  edges : normals (E, 2) and offsets (E,) of the part
+    local : (3,) the corner in its body, and its radius
+    edges : normals (E, 2) and offsets (E,) of the part
     scratch : (MAX_HALVINGS + 2, E), (MAX_HALVINGS + 2,), (E,)
     """
     phi, right, left = scratch
+    if local[2] > 0.0:
+        return first_dip_of_disc(path, h, bodies, local[2], edges, floor, right)
     bend = _curvature_bound(path, h, bodies, np.hypot(local[0], local[1]))
     level = floor - SHALLOW
     start, top = 0.0, 0

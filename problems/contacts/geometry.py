@@ -15,13 +15,25 @@ handed over between them (`paper` §5: edge-to-edge contacts are described by th
 A corner is outside a convex part when it is outside one of its edges, so what collides is the
 *clearance* max_e φ_e, and which edge is hit is a question of its own (`Geometry.hit_edge`).
 The ground is a set of half planes, parts with one endless edge and body `GROUND`.
+
+A disc about its body's centre of gravity is a part with one corner, its centre, which has the
+radius ρ, and with one round edge, its periphery.  Of a disc and another part the disc's centre is
+the corner c, and φ its distance less ρ, from an edge, from a corner (edge E + i for corner i, E the
+most edges of a part, `nearest_feature`) or from another disc's centre x_b of radius ρ_b:
+
+    φ = n·(c − x_b) − offset − ρ    φ = |c − p| − ρ,  n = (c − p)/|c − p|    φ = |c − x_b| − ρ_b − ρ
+
+What touches is the point c − ρ n: g_N is as above, in g_F r_a and r_b go to that point, so that
+τ is the direction along the periphery.  n does not turn at once where a disc rolls over the end of
+an edge, and the corner there takes over; but q̈ jumps, by v²/ρ, and that is an event.  A disc and a
+convex part touch at one point only, and have one constraint.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,6 +48,7 @@ from problems.contacts.geometry_kernels import (
     contact_columns,
     edge_distances,
     least_overlap,
+    nearest_feature,
     past_tip,
     place_corners,
 )
@@ -65,7 +78,10 @@ class HalfPlane:
 
 
 class Pose(NamedTuple):
-    """Where everything is: corners (C, 2) [m], centres (n+1, 2), cos φ and sin φ (n+1,)."""
+    """Where everything is: corners (C, 3) [m], centres (n+1, 2), cos φ and sin φ (n+1,).
+
+    The third of a corner is the radius of the disc about it, 0 of a polygon's.
+    """
 
     corners: Vector
     centres: Vector
@@ -94,9 +110,10 @@ class Geometry:
     """All corners and edges of a system in flat arrays; immutable once made.
 
     Corners are numbered through all bodies, parts likewise (the ground's half planes last), edges
-    within their part; edge i of a part runs from its corner i to the next.
+    within their part; edge i of a part runs from its corner i to the next.  Corners of polygons
+    are numbered as edges, too, behind all edges, for discs that touch them.
 
-    contact_tol : (parts,) `CONTACT_TOL` of the shortest edge [m], ∞ of a half plane
+    contact_tol : (parts,) `CONTACT_TOL` of the shortest edge or radius [m], ∞ of a half plane
     """
 
     def __init__(self, bodies: Sequence[Body], ground: Sequence[HalfPlane]):
@@ -110,20 +127,28 @@ class Geometry:
         self.n_moving = len(parts)
         self.corner_part = np.repeat(np.arange(n_parts), self.part_size)
         self.corner_body = self.part_body[self.corner_part]
-        corners = [p for _, p in parts] or [np.zeros((0, 2))]
-        self.corner_local = np.concatenate(corners, dtype=np.float64)
+        discs = [bodies[b].disc for b, _ in parts]
+        corners = [_with_radius(p, disc) for (_, p), disc in zip(parts, discs, strict=True)]
+        self.corner_local = np.concatenate([np.zeros((0, 3)), *corners], dtype=np.float64)
         first_of_body = np.searchsorted(self.corner_body, np.arange(self.n_bodies + 1))
         self.corner_number = np.arange(len(self.corner_body)) - first_of_body[self.corner_body]
         # edges are numbered through their body, half planes through the ground
         own_edge = self.part_first[:n_parts] - first_of_body[self.part_body]
         half_plane = np.arange(n_parts) - self.n_moving
         self.first_edge = np.where(self.part_body == GROUND, half_plane, own_edge)
+        of_body = np.bincount(self.corner_body, minlength=self.n_bodies)
+        self.body_edges = np.where(
+            self.part_body == GROUND, 0, np.append(of_body, 0)[self.part_body]
+        )
         # an edge that a part does not have is never the farthest: offset +inf, so φ = −inf
         self.edge_normal = np.zeros((n_parts, n_edges, 2))
         self.edge_offset = np.full((n_parts, n_edges), np.inf)
         self.edge_origin = np.zeros((n_parts, n_edges, 2))
         self.edge_length = np.zeros((n_parts, n_edges))
         for p, (_, polygon) in enumerate(parts):
+            if discs[p] > 0:
+                self.edge_offset[p, 0], self.edge_length[p, 0] = discs[p], np.inf
+                continue
             side = np.roll(polygon, -1, axis=0) - polygon
             c = len(polygon)
             self.edge_length[p, :c] = np.linalg.norm(side, axis=1)
@@ -139,7 +164,8 @@ class Geometry:
             self.edge_length[p, 0] = np.inf
         self.edge_start = (rotate_quarter(self.edge_normal) * self.edge_origin).sum(axis=2)
         lengths = np.where(self.edge_length > 0, self.edge_length, np.inf)
-        self.contact_tol = CONTACT_TOL * lengths.min(axis=1)
+        shortest = np.array([*(disc or np.inf for disc in discs), *(np.inf for _ in ground)])
+        self.contact_tol = CONTACT_TOL * np.minimum(lengths.min(axis=1), shortest)
         self.radius = np.array([body.radius for body in bodies])
         self.tables = (
             *(self.corner_body, self.corner_local, self.part_body),
@@ -166,7 +192,8 @@ class Geometry:
         )
 
     def clearance(self, pose: Pose, corner: Indices, part: Indices) -> Vector:
-        """max_e φ_e of each corner against its part, (N,) [m]; negative inside."""
+        """max_e φ_e of each corner against its part, (N,) [m]; the distance of a disc; negative
+        inside."""
         return clearances(*pose, corner, part, self.part_body, self.edge_normal, self.edge_offset)
 
     def clearance_on_path(self, path: Path, h: float, corner: int, part: int) -> float:
@@ -194,14 +221,28 @@ class Geometry:
         corner = np.arange(first, first + size)
         return float(self.distances(pose, corner, np.full(size, part))[:, edge].min())
 
+    def is_disc(self, corner: int) -> bool:
+        """Whether a corner is the centre of a disc."""
+        return bool(self.corner_local[corner, 2] > 0)
+
+    def nearest(self, pose: Pose, corner: int, part: int) -> int:
+        """The edge of `part` that is nearest to a disc's centre, or E + i for its corner i."""
+        b = self.part_body[part]
+        x, y = pose.corners[corner, :2] - pose.centres[b]
+        c, s = pose.cosine[b], pose.sine[b]
+        edges = self.edge_normal[part], self.edge_offset[part]
+        return int(nearest_feature(c * x + s * y, c * y - s * x, *edges)[1])
+
     def hit_edge(self, pose: Pose, corner: int, part: int) -> int:
-        """Edge of `part` that a corner at its boundary has hit.
+        """Edge of `part` that a corner at its boundary has hit; see `nearest` for a disc's centre.
 
         Of the edges within `contact_tol` of the corner, the best separating axis of the two parts:
         a corner that drift has put 1e-5 inside one edge, and that passes the end of the adjacent
         side, is still on the first edge.  Where drift has made the parts overlap by more than
         `contact_tol`, all edges within that overlap are looked at.
         """
+        if self.is_disc(corner):
+            return self.nearest(pose, corner, part)
         phi = self.distances(pose, np.array([corner]), np.array([part]))[0]
         other = int(self.corner_part[corner])
         wide = max(self.tolerance(corner, part), self.overlap(pose, part, other)[0])
@@ -215,8 +256,10 @@ class Geometry:
 
         Two tips have passed each other then, by the width of the drift, or are about to: once
         another edge keeps the corner out of the part, no corner would ever be inside the other part
-        again, however deep the edges cross.
+        again, however deep the edges cross.  A disc has no tip.
         """
+        if self.is_disc(corner):
+            return False
         phi = self.distances(pose, np.array([corner]), np.array([part]))[0]
         return past_tip(phi, edge)
 
@@ -226,9 +269,10 @@ class Geometry:
         end : 0 where it passed the start of the edge, 1 where it passed its end.
 
         The edge's own end corner takes over on the adjacent edge of the sliding part, if the two
-        edges lie on each other there; None means that the corner has slid off (loss of support).
+        edges lie on each other there; None means that the corner has slid off (loss of support),
+        or that a disc has come to a corner or from there to an edge.
         """
-        if self.part_body[part] == GROUND:
+        if self.part_body[part] == GROUND or self.is_disc(corner):
             return None
         size = int(self.part_size[part])
         taker = int(self.part_first[part]) + (edge + end) % size
@@ -243,14 +287,16 @@ class Geometry:
             opposite = float(direction @ other_direction) < 0
             parallel = abs(float(cross(direction, other_direction))) < PARALLEL_SINE
             if opposite and parallel and abs(phi[line]) <= wide:
-                offset = (pose.corners[taker] - pose.corners[corner]) @ other_direction
+                offset = (pose.corners[taker] - pose.corners[corner])[:2] @ other_direction
                 inward = offset if line == number else -offset
                 if inward >= 0:
                     return taker, other, line
         return None
 
     def direction(self, pose: Pose, part: int, edge: int) -> Vector:
-        """τ of one edge, (2,)."""
+        """τ of one edge, (2,); NaN, parallel to nothing, of a corner or a disc."""
+        if edge >= self.edge_offset.shape[1] or not self.edge_normal[part, edge].any():
+            return np.full(2, np.nan)
         b = self.part_body[part]
         x, y = rotate_quarter(self.edge_normal[part, edge])
         c, s = pose.cosine[b], pose.sine[b]
@@ -271,8 +317,10 @@ class Geometry:
         n_moving = self.n_moving
         if n_moving == 0:
             return []
-        low = np.minimum.reduceat(pose.corners, self.part_first[:n_moving], axis=0) - margin / 2
-        high = np.maximum.reduceat(pose.corners, self.part_first[:n_moving], axis=0) + margin / 2
+        corners, radius = np.ascontiguousarray(pose.corners[:, :2]), pose.corners[:, 2:]
+        first = self.part_first[:n_moving]
+        low = np.minimum.reduceat(corners - radius, first, axis=0) - margin / 2
+        high = np.maximum.reduceat(corners + radius, first, axis=0) + margin / 2
         order = np.argsort(low[:, 0], kind="stable")
         last = np.searchsorted(low[order, 0], high[order, 0], side="right")
         pairs = []
@@ -282,8 +330,8 @@ class Geometry:
             meets &= self.part_body[rivals] != self.part_body[p]
             pairs += [(int(min(p, r)), int(max(p, r))) for r in rivals[meets]]
         for plane in range(n_moving, len(self.part_body)):
-            depth = pose.corners @ self.edge_normal[plane, 0] - self.edge_offset[plane, 0]
-            lowest = np.minimum.reduceat(depth, self.part_first[:n_moving])
+            depth = corners @ self.edge_normal[plane, 0] - self.edge_offset[plane, 0]
+            lowest = np.minimum.reduceat(depth - radius[:, 0], first)
             pairs += [(int(p), plane) for p in np.flatnonzero(lowest <= margin)]
         return sorted(pairs)
 
@@ -301,13 +349,27 @@ class Geometry:
         """That depth alone."""
         return self.overlap(pose, *pair)[0]
 
+    def edge_number(self, part: Any, edge: Any) -> Any:
+        """Edges by their number in the body; that of corner i is the body's count of edges + i."""
+        E, first = self.edge_offset.shape[1], self.first_edge[part]
+        return np.where(edge < E, first + edge, self.body_edges[part] + first + edge - E)
+
     def features(self, places: Indices) -> Indices:
         """Rows of `ContactQP.feature` of the normals at places (N, 3), (N, 5)."""
         corner, part, edge = places.T
-        body, number = self.part_body[part], self.first_edge[part] + edge
+        body, number = self.part_body[part], self.edge_number(part, edge)
         zero = np.zeros_like(corner)
         columns = [self.corner_body[corner], self.corner_number[corner], body, number, zero]
         return np.column_stack(columns)
+
+
+def _with_radius(polygon: Vector, disc: float) -> Vector:
+    """Corners (c, 3) of a polygon, with radius 0; of a disc the centre, with its own."""
+    return (
+        np.array([[0.0, 0.0, disc]])
+        if disc > 0
+        else np.column_stack([polygon, np.zeros(len(polygon))])
+    )
 
 
 class Shapes(NamedTuple):

@@ -30,7 +30,14 @@ FALLING = {"rain": "problems.scenes.falling:rain"}
 """Scenes of any number of bodies that do not touch at the start."""
 STUDIES = {"painleve": "problems.scenes.painleve:painleve"}
 """Scenes of a question of their own."""
-BUILT_IN = PAPER | FAMILIES | FALLING | STUDIES
+WHEELS = {
+    "rolling": "problems.scenes.wheels:rolling",
+    "bowling": "problems.scenes.wheels:bowling",
+    "discs": "problems.scenes.wheels:discs",
+    "wheel_edge": "problems.scenes.wheels:wheel_edge",
+}
+"""Scenes of discs."""
+BUILT_IN = PAPER | FAMILIES | FALLING | STUDIES | WHEELS
 
 
 @cache

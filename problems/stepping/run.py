@@ -21,6 +21,7 @@ EVENT_KINDS = (
     "impulse",
     "slide_off",
     "slip_to_stick",
+    "roll_over",
     "stick_to_slip",
     "jam",
     "gain",
@@ -31,7 +32,8 @@ EVENT_KINDS = (
     "rest",
 )
 """jam: sliding friction whose gain is 1 or more has stopped contacts, and q̇ jumps; gain: there is
-such friction (`problems.stepping.gain`).  overlap: two parts overlap by more than drift may leave;
+such friction (`problems.stepping.gain`).  roll_over: a disc goes on from an edge to the corner at
+its end, or back.  overlap: two parts overlap by more than drift may leave;
 what should have kept them apart was found late, or they overlap far too deep whatever keeps them
 now."""
 

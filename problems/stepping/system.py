@@ -167,8 +167,14 @@ class System:
             self.body_name(int(geometry.corner_body[corner])),
             self.body_name(int(geometry.part_body[part])),
         )
-        corner, edge = geometry.corner_number[corner], geometry.first_edge[part] + edge
-        return f"corner {corner} of {one} on edge {edge} of {two}"
+        who = f"{geometry.corner_number[corner]} of {one}"
+        own = one if geometry.is_disc(corner) else f"corner {who}"
+        if edge >= geometry.edge_offset.shape[1]:
+            first = geometry.first_edge[part] - geometry.edge_offset.shape[1]
+            return f"{own} on corner {first + edge} of {two}"
+        if not geometry.edge_normal[part, edge].any():
+            return f"{own} on {two}"
+        return f"{own} on edge {geometry.first_edge[part] + edge} of {two}"
 
     def contact_name(self, contact: Contact) -> str:
         names = [self.body_name(int(self.graph.geometry.part_body[p])) for p in contact.pair]

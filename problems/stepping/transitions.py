@@ -134,8 +134,11 @@ class Transitions:
         geometry, pose = self.graph.geometry, self.system.pose()
         hits = []
         for normal in (loss.normal for loss in losses if loss.normal.row_id in self.graph.normals):
-            self.system.log("slide_off", self.system.place_name(normal.place))
             place = successor(geometry, pose, normal)
+            if place is not None and geometry.is_disc(normal.corner):
+                self._roll_over(normal, place)
+                continue
+            self.system.log("slide_off", self.system.place_name(normal.place))
             self.graph.remove(normal, self.system.clearance(pose, normal))
             self.restart(1)
             taken = {normal.place[:2] for normal in self.graph.active()}
@@ -149,6 +152,13 @@ class Transitions:
                 self.graph.insert(pose, *place)
                 self.sort_frictions(self.system.assembly(), self.system.history.v)
         return hits
+
+    def _roll_over(self, normal: Normal, place: tuple[int, int, int]) -> None:
+        """A disc goes on from an edge to its end, or back: q̈ jumps, and the constraint stays."""
+        names = [self.system.place_name(where) for where in (normal.place, place)]
+        self.system.log("roll_over", f"{names[0]} to {names[1]}")
+        self.graph.hand_over({normal.row_id: place})
+        self.restart(1)
 
     def stick(self, stopped: list[Friction]) -> None:
         """J_FW → J_FO at g_Fᵀq̇ = 0, for those that stopped and all that slip slower than ε."""

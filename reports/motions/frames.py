@@ -3,10 +3,10 @@
 Each frame shows the bodies with their numbers (from 1, as in the paper; they turn with the body),
 the ground, and the spring where there is one.  The time in seconds stands under the frame.
 
-All frames of a sheet have one scale and equal axes.  Where the bodies stay together they also have
-the same limits, side by side in a grid.  Where the bodies drift apart (figure 2) common limits
-would leave nothing but ground: there each frame is as wide as it needs, and a tick on the ground
-marks x = 0.
+All frames of a sheet have one scale and equal axes.  Where the bodies stay together, and where
+there is one only, they also have the same limits, side by side in a grid.  Where the bodies drift
+apart (figure 2) common limits would leave nothing but ground: there each frame is as wide as it
+needs, and a tick on the ground marks x = 0.
 """
 
 from __future__ import annotations
@@ -123,7 +123,8 @@ def _layout(motion: Motion, poses: Sequence[Array]) -> tuple[list[list[Window]],
     """Windows of the frames, row by row, and the scale of the sheet [in/m]."""
     common = window_of(motion, poses)
     own = [window_of(motion, [pose]) for pose in poses]
-    if np.median([window.width for window in own]) > 0.5 * common.width:
+    together = np.median([window.width for window in own]) > 0.5 * common.width
+    if together or len(motion.polygons) == 1:
         columns = _columns(len(poses), common.height / common.width)
         scale = (PAGE_WIDTH - GAP * (columns - 1)) / (columns * common.width)
         grid = [[common] * len(poses[i : i + columns]) for i in range(0, len(poses), columns)]
@@ -225,6 +226,9 @@ def draw_bodies(
             axes.add_patch(
                 Polygon(part, fill=False, edgecolor=INK, linewidth=0.8, zorder=3, joinstyle="round")
             )
+            if len(motion.polygons[body][0]) == 1:  # a spoke shows how a disc turns
+                spoke = np.array([pose[body][:2] + 0.6 * (part[0] - pose[body][:2]), part[0]])
+                axes.plot(*spoke.T, color=INK, linewidth=0.8, zorder=3)
         x, y, phi = pose[body]
         axes.text(
             x,
@@ -259,7 +263,8 @@ def _draw_half_plane(axes: Axes, point: Array, normal: Array, window: Window) ->
 
 def _number_size(axes: Axes, motion: Motion, body: int, window: Window) -> float:
     """Size of a body's number [pt]: legible, yet inside the body."""
-    across = min(float(np.ptp(part, axis=0).min()) for part in motion.polygons[body])
+    parts = motion.corners(np.zeros((body + 1, 3)), body)
+    across = min(float(np.ptp(part, axis=0).min()) for part in parts)
     points = axes.get_position().width * axes.figure.get_figwidth() * 72  # type: ignore[union-attr]
     return float(np.clip(0.6 * across * points / window.width, 3.5, 9))
 

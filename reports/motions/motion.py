@@ -14,6 +14,9 @@ from problems.contacts.geometry import HalfPlane
 
 Array = NDArray[np.float64]
 
+ROUND = 72
+"""Corners that a disc is drawn with."""
+
 PAPER_TIMES = {"fig3": (0.7302, 2.1151, 4.0002)}
 """Times printed under the paper's frames where the text keeps them [s]."""
 
@@ -26,7 +29,8 @@ class Motion:
     t : (n,) times of the accepted steps [s]; a time may occur twice, before and after an impulse
     q : (n, bodies, 3) x, y [m] and φ [rad]
     v : (n, bodies, 3) their velocities [m/s, m/s, rad/s]
-    polygons : per body, its convex parts, each (c, 2) in body coordinates [m]
+    polygons : per body, its convex parts, each (c, 2) in body coordinates [m]; of a disc the one
+        point (radius, 0)
     springs : (body index, point in body coordinates, anchor in the plane) of each
     ground : half planes that do not move, each (point [m], normal out of it)
     """
@@ -46,8 +50,8 @@ class Motion:
         return np.array(values).reshape(self.q.shape[1:])
 
     def corners(self, pose: Array, body: int) -> list[Array]:
-        """The parts of one body in the plane, each (c, 2) [m]."""
-        return [_moved(pose[body], np.asarray(part)) for part in self.polygons[body]]
+        """The parts of one body in the plane, each (c, 2) [m]; discs as polygons."""
+        return [_moved(pose[body], _outline(np.asarray(part))) for part in self.polygons[body]]
 
     def spring_ends(self, pose: Array) -> list[Array]:
         """Ends of each spring in the plane, (2, 2): its anchor, then the point that it holds."""
@@ -55,6 +59,14 @@ class Motion:
             np.stack([np.asarray(anchor, float), _moved(pose[body], np.asarray(point, float))])
             for body, point, anchor in self.springs
         ]
+
+
+def _outline(part: Array) -> Array:
+    """Corners of a part, `ROUND` of them of a disc."""
+    if len(part) > 1:
+        return part
+    angle = 2 * np.pi / ROUND * np.arange(ROUND)
+    return float(part[0, 0]) * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def _moved(pose: Array, points: Array) -> Array:

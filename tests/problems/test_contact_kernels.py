@@ -51,7 +51,7 @@ def world(geometry, q):
     """Corners (C, 2), and centre and angle of every body with the ground at the end."""
     state = np.vstack([q.reshape(-1, 3), np.zeros(3)])
     corners = [
-        state[b, :2] + turned(state[b, 2], local)
+        state[b, :2] + turned(state[b, 2], local[:2])
         for b, local in zip(geometry.corner_body, geometry.corner_local, strict=True)
     ]
     return np.array(corners), state
@@ -61,7 +61,8 @@ def test_places(case):
     geometry, q, _ = case
     corners, state = world(geometry, q)
     found = place_corners(q, geometry.corner_body, geometry.corner_local)
-    twins = corners, state[:, :2], np.cos(state[:, 2]), np.sin(state[:, 2])
+    radii = np.zeros((len(corners), 1))
+    twins = np.hstack([corners, radii]), state[:, :2], np.cos(state[:, 2]), np.sin(state[:, 2])
     for one, twin in zip(found, twins, strict=True):
         np.testing.assert_allclose(one, twin, **EXACT)
 

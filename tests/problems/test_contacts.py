@@ -67,7 +67,7 @@ def test_tangent_columns_are_the_slip_of_material_points():
         return x + step * w[:2] + np.array([[c, -s], [s, c]]) @ (point - x)
 
     for i, (a, b) in enumerate(columns.bodies):
-        p = pose.corners[where[0][i]]
+        p = pose.corners[where[0][i], :2]
         slip = [material_point(a, p, s) - material_point(b, p, s) for s in (dt, -dt)]
         speed = columns.tangent[i, :3] @ v[3 * a : 3 * a + 3]
         if b != GROUND:
@@ -103,7 +103,7 @@ def test_near_pairs_equal_the_double_loop(seed):
     g = Geometry([box(1, 1) for _ in range(30)], (HalfPlane(), HalfPlane((-6, 0), (1, 0))))
     q = np.column_stack([rng.uniform(-5, 5, (30, 2)), rng.uniform(0, 3, 30)]).ravel()
     pose, margin = g.pose(q), 0.3
-    boxes = pose.corners.reshape(30, 4, 2)
+    boxes = pose.corners[:, :2].reshape(30, 4, 2)
     low, high = boxes.min(axis=1), boxes.max(axis=1)
     expected = [
         (p, r)
