@@ -14,6 +14,7 @@ from rich.text import Text
 
 from harness.recordings.recording import Recording
 from harness.study.verify import ACCURATE_CLASS
+from problems.networks.run import NetworkRun
 from problems.qp import KINDS
 from reports.parts.terminal_table import terminal_table
 from reports.sections.protocol import proofs
@@ -28,10 +29,10 @@ WEDGED = "; impulses without friction (mu_I = 0) leave wedged bodies sliding, an
 """What a jam is, and where most come from: with mu_I = mu they are rare."""
 
 
-def scenes_table(described: Mapping[str, tuple[str, Mapping[str, Any]]]) -> Table:
-    """Scenes with what they are and their parameters."""
+def scenes_table(kind: str, described: Mapping[str, tuple[str, Mapping[str, Any]]]) -> Table:
+    """Scenes of a kind, with what they are and their parameters."""
     return terminal_table(
-        "Scenes",
+        f"Scenes: {kind}",
         ("name", "what it is and its parameters"),
         (
             (name, f"{summary}\n" + ", ".join(f"{k}={v}" for k, v in defaults.items()))
@@ -131,6 +132,9 @@ def print_run(console: Console, run: Any) -> None:
     kinds = Counter(event.kind for event in run.event_log)
     if kinds:
         console.print(Text("events: " + ", ".join(f"{n} {kind}" for kind, n in kinds.items())))
+    if isinstance(run, NetworkRun):
+        _print_network(console, run)
+        return
     _print_findings(console, run)
     last = run.trajectory.tail(run.q.shape[1])
     names = ["body", "x", "y", "phi", "vx", "vy", "omega"]
@@ -139,6 +143,18 @@ def print_run(console: Console, run: Any) -> None:
             "",
             tuple(f">{name}" for name in names),
             ([int(row[0]), *(f"{v:z.4f}" for v in row[1:])] for row in last[names].to_numpy()),
+        )
+    )
+
+
+def _print_network(console: Console, run: NetworkRun) -> None:
+    """Currents and voltages at the end."""
+    last = zip(run.scene.names(), run.currents[-1], run.diode_voltages[-1], strict=True)
+    console.print(
+        terminal_table(
+            "",
+            ("branch", ">current [A]", ">λ of its diode [V]"),
+            ([name, f"{i:z.4f}", f"{lam:z.4f}"] for name, i, lam in last),
         )
     )
 

@@ -2,8 +2,8 @@
 
 from problems.qp import ContactQP, Solution, Status
 from problems.scenes import Scene, describe_scene, scene, scene_names
+from problems.simulation import simulate
 from problems.stepping.run import Run
-from problems.stepping.stepper import simulate
 
 __all__ = [
     "ContactQP",

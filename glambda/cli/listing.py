@@ -14,11 +14,13 @@ from glambda.cli.streams import say
 @app.command()
 @told
 def scenes() -> None:
-    """List the scenes, with their parameters and defaults."""
+    """List the scenes by kind, with their parameters and defaults."""
     from glambda.display import scenes_table
-    from problems import describe_scene, scene_names
+    from problems import describe_scene
+    from problems.scenes.registry import scene_kinds
 
-    terminal().print(scenes_table({name: describe_scene(name) for name in scene_names()}))
+    for kind, names in scene_kinds().items():
+        terminal().print(scenes_table(kind, {name: describe_scene(name) for name in names}))
 
 
 @app.command()

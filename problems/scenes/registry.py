@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
+from problems.networks.network import Network
 from problems.registry import load, unknown, with_plug_ins
 from problems.scenes.scene import Scene
 
@@ -37,7 +38,21 @@ WHEELS = {
     "wheel_edge": "problems.scenes.wheels:wheel_edge",
 }
 """Scenes of discs."""
-BUILT_IN = PAPER | FAMILIES | FALLING | STUDIES | WHEELS
+NETWORKS = {
+    "half_wave": "problems.networks.half_wave:half_wave",
+    "bridge": "problems.networks.bridge:bridge",
+    "boost": "problems.networks.boost:boost",
+}
+"""Electrical networks with diodes: no bodies, the same QP (§6.2)."""
+BY_KIND = {
+    "paper": PAPER,
+    "families": FAMILIES,
+    "falling": FALLING,
+    "studies": STUDIES,
+    "wheels": WHEELS,
+    "networks": NETWORKS,
+}
+BUILT_IN = {name: target for scenes in BY_KIND.values() for name, target in scenes.items()}
 
 
 @cache
@@ -50,10 +65,17 @@ def scene_names() -> list[str]:
     return list(_targets())
 
 
-def _maker(name: str) -> Callable[..., Scene]:
+def scene_kinds() -> dict[str, list[str]]:
+    """Names of all scenes by kind; those of others are of the kind "plug-ins"."""
+    kinds = {kind: list(scenes) for kind, scenes in BY_KIND.items()}
+    others = [name for name in scene_names() if name not in BUILT_IN]
+    return kinds | ({"plug-ins": others} if others else {})
+
+
+def _maker(name: str) -> Callable[..., Any]:
     if name not in _targets():
         raise unknown("scene", name, _targets())
-    maker: Callable[..., Scene] = load(_targets()[name])
+    maker: Callable[..., Any] = load(_targets()[name])
     return maker
 
 
@@ -64,9 +86,10 @@ def describe_scene(name: str) -> tuple[str, dict[str, Any]]:
     return (inspect.getdoc(maker) or "no description").splitlines()[0], defaults
 
 
-def scene(name: str, **parameters: Any) -> Scene:
-    """Make the scene called `name`; parameters left out have their defaults,
-    which are the paper's values in the paper's scenes.
+def scene(name: str, **parameters: Any) -> Any:
+    """Make the scene called `name`, a `Scene` or a `Network`.
+
+    Parameters left out have their defaults, which are the paper's in the paper's scenes.
 
     Raises ValueError for an unknown scene or parameter, or a value of the wrong kind or beyond what
     the scene declares with `at_most`.
@@ -82,7 +105,7 @@ def scene(name: str, **parameters: Any) -> Scene:
         if parameters[key] > limits.get(key, math.inf):
             raise ValueError(f"scene {name!r}: {key} = {value}; it may be {limits[key]} at most")
     made = _maker(name)(**parameters)
-    if not isinstance(made, Scene):
+    if not isinstance(made, Scene | Network):
         raise ValueError(f"scene {name!r} made a {type(made).__name__}, not a problems.Scene")
     changed = {k: v for k, v in parameters.items() if v != defaults[k]}
     label = ",".join([name, *(f"{k}={changed[k]}" for k in defaults if k in changed)])

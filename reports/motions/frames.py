@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from reports.motions.motion import Array, Motion, frame_times, motion_of
+from reports.motions.network import animate_network, is_network, plot_network
 from reports.parts.style import BODIES, FAINT, INK, PAGE_WIDTH, PAPER, SOFT, drawing, save
 
 if TYPE_CHECKING:
@@ -81,8 +82,12 @@ def plot_scene(
     frames : how many pictures, spread over time and motion
     times : instead, the times wanted [s]; between accepted steps the motion is taken as linear
 
+    Of a network, its currents and voltages are drawn instead.
+
     Returns the path.  Raises ValueError where there is nothing to draw.
     """
+    if is_network(source):
+        return plot_network(source, path)
     motion = motion_of(source)
     wanted = frame_times(motion, frames) if times is None else [float(time) for time in times]
     if not wanted:
@@ -173,6 +178,8 @@ def animate_scene(source: Any, path: str | Path, *, fps: int = 25, speed: float 
         raise ValueError(f"{path.name}: an animation is written as .gif")
     if not (fps > 0 and speed > 0):
         raise ValueError(f"fps = {fps} and speed = {speed} must be positive")
+    if is_network(source):
+        return animate_network(source, path, fps)
     from matplotlib.animation import PillowWriter
 
     motion = motion_of(source)
