@@ -44,6 +44,16 @@ NETWORKS = {
     "boost": "problems.networks.boost:boost",
 }
 """Electrical networks with diodes: no bodies, the same QP (§6.2)."""
+CASES = {
+    "ramp": "problems.scenes.cases.ramp:ramp",
+    "braking": "problems.scenes.cases.braking:braking",
+    "mass_ratio": "problems.scenes.cases.mass_ratio:mass_ratio",
+    "arch": "problems.scenes.cases.arch:arch",
+    "cards": "problems.scenes.cases.cards:cards",
+    "dominoes": "problems.scenes.cases.dominoes:dominoes",
+    "sunk": "problems.scenes.cases.sunk:sunk",
+}
+"""Scenes whose answer is known."""
 BY_KIND = {
     "paper": PAPER,
     "families": FAMILIES,
@@ -51,6 +61,7 @@ BY_KIND = {
     "studies": STUDIES,
     "wheels": WHEELS,
     "networks": NETWORKS,
+    "cases": CASES,
 }
 BUILT_IN = {name: target for scenes in BY_KIND.values() for name, target in scenes.items()}
 

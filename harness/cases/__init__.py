@@ -1,0 +1,1 @@
+"""Scenes with known answers: what the stepper makes of them."""

@@ -1,0 +1,43 @@
+"""All cases as a claim: one unit each, its rows stored like those of other claims."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import pandas as pd
+
+from harness.cases import bodies, networks
+from harness.cases.bodies import Found
+from harness.results.claim import Claim, claim_over
+from problems.sequence import SolvesQPs
+
+CASES: dict[str, Callable[[SolvesQPs], list[Found]]] = {
+    "ramp": bodies.ramp,
+    "braking": bodies.braking,
+    "mass_ratio": bodies.mass_ratio,
+    "arch": bodies.arch,
+    "cards": bodies.cards,
+    "dominoes": bodies.dominoes,
+    "sunk": bodies.sunk,
+    "half_wave": networks.half_wave,
+    "bridge": networks.bridge,
+    "boost": networks.boost,
+}
+"""Scene → what is measured of it."""
+
+
+def cases_claim(names: Iterable[str], solver: SolvesQPs) -> Claim:
+    """The rows of these cases: quantity, value, expected, order, error.
+
+    Raises ValueError for a name that is no case.
+    """
+    chosen = list(names)
+    for name in chosen:
+        if name not in CASES:
+            raise ValueError(f"{name!r} is no case; there are: {', '.join(CASES)}")
+
+    def rows(case: str) -> pd.DataFrame:
+        found = pd.DataFrame(CASES[case](solver))
+        return found.assign(error=(found["value"] - found["expected"]).abs())
+
+    return claim_over("cases", rows, case=chosen)

@@ -1,0 +1,1 @@
+"""Scenes whose answer is known: one file each, read by other engines as well."""

@@ -1,0 +1,1 @@
+"""Scenes with known answers, as a table."""
