@@ -1,7 +1,8 @@
-"""The cases as a page: cases.md and cases.csv."""
+"""The cases as a page: cases.md, cases.csv and, where they were asked for, foils.csv."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -30,9 +31,11 @@ def cases_table(rows: pd.DataFrame) -> Table:
     )
 
 
-def write_cases(rows: pd.DataFrame, folder: Path) -> Path:
-    """Write both files; return the page."""
-    table = cases_table(rows)
-    text = table.display().to_markdown(index=False, disable_numparse=True)
-    page = f"# {table.title}\n\n*How to read:* {table.reading}\n\n{text}\n"
-    return write_page(folder / "cases.md", page, [table])
+def write_cases(tables: Sequence[Table], folder: Path) -> Path:
+    """Write the page, every row of it, and the tables as CSV; return the page."""
+    parts = []
+    for table in tables:
+        align = ["right" if table.numeric(name) else "left" for name in table.data.columns]
+        rows = table.display().to_markdown(index=False, disable_numparse=True, colalign=align)
+        parts.append(f"# {table.title}\n\n*How to read:* {table.reading}\n\n{rows}\n")
+    return write_page(folder / "cases.md", "\n".join(parts), tables)

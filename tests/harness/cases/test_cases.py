@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from glambda.cli import app
+from harness.cases import foils
 from harness.cases.bodies import threshold
 from harness.cases.table import CASES, cases_claim
 from harness.peers.tasks import started
@@ -80,3 +81,18 @@ def test_the_command_stores_prints_and_writes_its_table(tmp_path: Path) -> None:
 def test_an_unknown_case_is_refused() -> None:
     with pytest.raises(ValueError, match="no case"):
         cases_claim(["bicycle"], make_solver("glambda"))
+
+
+def test_foils_stand_beside_the_paper_s_model(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(foils, "UNTIL", 0.5)
+    monkeypatch.setattr(foils, "SPRING_STEPS", (1 / 960,))
+    monkeypatch.setattr(foils, "SCENES", ("fig4,mu_I=0.8",))
+    done = CliRunner().invoke(app, ["cases", "sunk", "--foils", "-o", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    rows = pd.read_csv(tmp_path / "foils.csv").set_index("way")
+    assert rows.loc["impulses of the paper", "off"] == 0.0
+    assert rows.loc["impulses by Newton and Coulomb", "off"] > 1e-4
+    assert 1e-3 < rows.loc["springs, h = 1/960 s", "off"] < 0.5
+    assert "springs, h = 1/960 s" in (tmp_path / "cases.md").read_text(encoding="utf-8")
