@@ -16,6 +16,7 @@ from harness.machine.threads import ask_for_one_thread
 from glambda.cli import listing  # noqa: F401
 from glambda.cli import simulation  # noqa: F401
 from glambda.cli import graph  # noqa: F401
+from glambda.cli import gallery  # noqa: F401
 from glambda.cli import replays  # noqa: F401
 from glambda.cli import stretching  # noqa: F401
 from glambda.cli import disturbing  # noqa: F401
