@@ -15,6 +15,7 @@ from harness.machine.threads import ask_for_one_thread
 # in the order of --help
 from glambda.cli import listing  # noqa: F401
 from glambda.cli import simulation  # noqa: F401
+from glambda.cli import watching  # noqa: F401
 from glambda.cli import graph  # noqa: F401
 from glambda.cli import gallery  # noqa: F401
 from glambda.cli import replays  # noqa: F401

@@ -1,0 +1,35 @@
+"""`glambda watch`: a window on a simulation while it runs."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from glambda.cli.app import Sets, app, told
+
+
+@app.command()
+@told
+def watch(
+    scene: Annotated[str, typer.Argument(help="a scene of bodies, see 'glambda scenes'")],
+    settings: Sets = None,
+) -> None:
+    """Watch a scene in a window: pause, step, save a QP, drop or introduce a constraint.
+
+    Keys: space pauses, → takes a step, ↑ and ↓ set the speed, a shows λ, s saves the last QP, tab
+    chooses a constraint, d drops it, i introduces the nearest.
+
+    Example:  glambda watch fig4
+    """
+    from glambda.watch import Watch, show
+    from problems import Scene
+    from problems import scene as make_scene
+    from problems.scenes.labels import parse_label, parse_settings
+    from solvers import make_solver
+
+    name, parameters = parse_label(scene)
+    made = make_scene(name, **{**parameters, **parse_settings(settings or [])})
+    if not isinstance(made, Scene):
+        raise ValueError(f"{scene} is a network, which has no bodies to watch; simulate it")
+    show(Watch(made, make_solver("glambda")))
