@@ -1,6 +1,6 @@
 """Currents and voltages of a network over time, as a picture and as an animation.
 
-Above the currents of the branches, below the sources and the voltages λ of the diodes (6.2); a bar
+Above the currents i of the branches, below the voltages v of sources and λ of diodes (6.2); a bar
 at the foot says when each diode conducts.
 """
 
@@ -150,7 +150,7 @@ def _draw(figure: Figure, shown: Trace, whole: Trace) -> None:
     above.set_ylabel("current [A]")
     above.tick_params(labelbottom=False)
     for name, e in shown.sources.items():
-        below.plot(t, e, label=f"source {name}", color=SOFT, linewidth=1.4)
+        below.plot(t, e, label=f"v {name}", color=SOFT, linewidth=1.4)
     for name, lam in shown.diodes.items():
         below.plot(t, lam, label=f"λ {name}", **looks[name])
     voltages = [*whole.sources.values(), *whole.diodes.values()]
