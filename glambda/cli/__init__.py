@@ -26,6 +26,7 @@ from glambda.cli import campaigns  # noqa: F401
 from glambda.cli import convergence  # noqa: F401
 from glambda.cli import painleve  # noqa: F401
 from glambda.cli import cases  # noqa: F401
+from glambda.cli import claims  # noqa: F401
 from glambda.cli import loops  # noqa: F401
 from glambda.cli import peers  # noqa: F401
 from glambda.cli import studies  # noqa: F401

@@ -73,7 +73,7 @@ class Claim:
         rows: Any = self.rows
         while isinstance(rows, partial):
             rows = rows.func
-        own = sources([Path(inspect.getfile(rows))], ["harness"])
+        own = sources([Path(inspect.getfile(inspect.unwrap(rows)))], ["harness"])
         return {
             "problems": problems_version(),
             **{solver: solver_version(solver) for solver in self.solvers},
