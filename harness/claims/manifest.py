@@ -32,7 +32,7 @@ from typing import Any
 
 MANIFEST = Path(__file__).with_name("claims.toml")
 DISPOSITIONS = ("confirmed", "refuted", "conditional", "retracted")
-LONGEST_SHORT = 62
+LONGEST_SHORT = 48
 """Characters of what the table says of a claim."""
 TEXTS = ("id", "short", "says", "source", "check", "reason", "disposition", "fails")
 NUMBERS = ("figure", "range")

@@ -1,0 +1,92 @@
+"""Proposition 3: what of the multipliers is unique, and how they move with the data."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import linprog
+
+from harness.claims.checking import check
+from harness.claims.checks.bead import slope
+from harness.claims.checks.motions import qps_of, run_of
+from harness.judging.facts import rank_of
+from problems import ContactQP
+from problems.qp import Vector
+from solvers import make_solver
+
+SIZES = 10.0 ** -np.arange(4.0, 8.0)
+"""η, relative to ‖A‖ and ‖d‖."""
+CASES = 12
+
+
+def _full_rank() -> list[ContactQP]:
+    """QPs of fig4 whose columns are independent, evenly chosen."""
+    qps = [qp for qp in qps_of(run_of("fig4", 2.5), "step") if rank_of(qp) == qp.k]
+    return [qps[i] for i in np.linspace(0, len(qps) - 1, CASES).astype(int)]
+
+
+def _doubled() -> list[ContactQP]:
+    """The same with a free column twice, and x shared by the two: A lacks rank."""
+    made = []
+    for qp in _full_rank():
+        x = np.asarray(make_solver("glambda", accuracy=1e-13).solve(qp).x)
+        free = np.flatnonzero((x > qp.lower + 1e-3) & (x < qp.upper - 1e-3))
+        every = np.append(np.arange(qp.k), free[:1])
+        made.append(ContactQP(qp.dense_A[:, every], qp.d, qp.lower[every], qp.upper[every]))
+    return made
+
+
+def _least(qp: ContactQP) -> Vector:
+    """x of (3.15), (3.16): equal columns share."""
+    x = np.array(make_solver("glambda", accuracy=1e-13).solve(qp).x)
+    twice = (qp.dense_A == qp.dense_A[:, -1:]).all(axis=0)
+    x[twice] = x[twice].mean()
+    return x
+
+
+@check
+def linear(rank: str = "kept") -> float:
+    """p in ‖δx‖ = c η^p, the least over QPs of fig4 with A and d perturbed at random.
+
+    rank : "kept", or "changed": one of two equal columns is perturbed
+    """
+    rng, found = np.random.default_rng(0), []
+    for qp in _full_rank() if rank == "kept" else _doubled():
+        dA, dd = rng.standard_normal((qp.m, qp.k)), rng.standard_normal(qp.m)
+        dA *= np.linalg.norm(qp.dense_A) / np.linalg.norm(dA)
+        dd *= np.linalg.norm(qp.d) / np.linalg.norm(dd)
+        x, moved = _least(qp), []
+        for eta in SIZES:
+            A = qp.dense_A + eta * dA
+            moved.append(
+                np.linalg.norm(_least(ContactQP(A, qp.d + eta * dd, qp.lower, qp.upper)) - x)
+            )
+        found.append(slope(SIZES, np.array(moved)))
+    return min(found)
+
+
+@check
+def equalities(sign: float) -> float:
+    """How many x_i ≥ 0 must be equalities on A x = 0, A = (1, sign): |S| of (3.17)."""
+    most = [
+        -linprog(-np.eye(2)[i], A_eq=[[1.0, sign]], b_eq=[0.0], bounds=[(0.0, 1.0)] * 2).fun
+        for i in range(2)
+    ]
+    return float(sum(value == 0.0 for value in most))
+
+
+@check
+def same_force(of: str, scale: float = 1.0) -> float:
+    """Largest relative distance of A x ("Ax") or x ("x") of two answers to redundant QPs of fig5.
+
+    The answers are our method's, and that of the velocity problem (3.4), cold.
+    scale : of d in the second
+    """
+    one, other, worst = make_solver("glambda", accuracy=1e-12), make_solver("velocity"), 0.0
+    for qp in qps_of(run_of("fig5", 0.8), "step"):
+        if rank_of(qp) < qp.k:
+            changed = ContactQP(qp.A, scale * qp.d, qp.lower, qp.upper)
+            x, y = np.asarray(one.solve(qp).x), np.asarray(other.solve(changed).x)
+            if of == "Ax":
+                x, y = qp.A @ x, qp.A @ y
+            worst = max(worst, float(np.linalg.norm(x - y) / np.linalg.norm(x)))
+    return worst
