@@ -29,8 +29,8 @@ SLOW = {
     "they simulate for long": (
         "test_benchmarks test_campaigns test_convergence test_criterion test_docs test_estimates "
         "test_exporting test_families test_growth test_heaps test_kept_factors "
-        "test_minimum_norm_ways test_motion_error test_mujoco test_painleve test_peers "
-        "test_stability"
+        "test_manifest test_minimum_norm_ways test_motion_error test_mujoco test_painleve "
+        "test_peers test_stability"
     ),
     "they try thousands of problems or files": (
         "test_adapters test_certificates test_fuzz test_method_properties test_programs "

@@ -49,6 +49,7 @@ SHORT = {
     "glambda closed-loop fig4 -o closed_loop": "+ --until 0.02 --solvers glambda "
     "--settings paper --sweep none",
     "glambda convergence -o convergence": "+ wall,bodies=3",
+    "glambda claims -o claims": "+ 3",
     "glambda peers -o peers": "+ fig4@0.05 --engines glambda --limit 0.001",
     "glambda criterion recordings/*.h5 -o criterion": "glambda criterion recordings/wall*.h5 "
     "-o criterion --repeats 1",

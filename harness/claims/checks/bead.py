@@ -14,7 +14,7 @@ with constant h, order r = 1, 2, 3, from exact values; for the sliding friction 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -141,6 +141,6 @@ def march(bead: Bead, h: float, steps: int, order: int, rule: str = "") -> Motio
     return Motion(*(np.array(part[3:]) for part in (t, q, v, lam)))
 
 
-def slope(h: Vector, error: Vector) -> float:
+def slope(h: Any, error: Any) -> float:
     """p in error = C hᵖ, by least squares on logarithms."""
     return float(np.polyfit(np.log(h), np.log(error), 1)[0])

@@ -18,9 +18,8 @@ DRAG = 20.0
 def _next(qp: ContactQP, v: Vector) -> Vector:
     """q̇ of one pass of (3.9) from q̇ = v, with the drag added to the forces of the QP."""
     d = qp.d - DRAG * qp.D * np.tanh(v)
-    x = make_solver("glambda", accuracy=1e-13).solve(
-        ContactQP(qp.A, d, qp.lower, qp.upper)
-    ).x  # fmt: skip
+    posed = ContactQP(qp.A, d, qp.lower, qp.upper)
+    x = np.asarray(make_solver("glambda", accuracy=1e-13).solve(posed).x)
     return np.asarray(qp.h / qp.alpha0 * (qp.A @ x + d) / qp.D)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from harness.claims.checking import check
 from harness.claims.checks.motions import qps_of, run_of
 from problems import ContactQP
-from problems.qp import Vector
+from problems.qp import Indices, Vector
 from solvers import make_solver
 
 ACCURACY = 1e-13
@@ -78,7 +78,7 @@ def dual(mu_I: float, change: float = 0.0) -> float:
     other, worst = make_solver("velocity"), 0.0
     for qp, c in _solved(mu_I):
         changed = ContactQP(qp.A, (1 + change) * qp.d, qp.lower, qp.upper)
-        apart = qp.residual(c) - changed.residual(other.solve(changed).x)
+        apart = qp.residual(c) - changed.residual(np.asarray(other.solve(changed).x))
         worst = max(worst, float(np.linalg.norm(apart) / np.linalg.norm(qp.d)))
     return worst
 
@@ -90,7 +90,7 @@ def count_ratio(mu_I: float) -> float:
     return counts[0] / counts[1]
 
 
-def _pairs(qp: ContactQP) -> tuple[Vector, Vector]:
+def _pairs(qp: ContactQP) -> tuple[Indices, Indices]:
     """Columns (1, μ_I) and (1, −μ_I) of the same normals."""
     first = np.flatnonzero(qp.feature[:, 4] == 2)
     return first, first + 1
