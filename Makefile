@@ -55,6 +55,9 @@ publish: study campaigns growth
 	$(BIN)/glambda closed-loop -o results/closed_loop
 	mkdir reports/published/closed_loop
 	cp results/closed_loop/closed_loop* reports/published/closed_loop
+	$(BIN)/glambda claims --slow -o results/claims
+	mkdir reports/published/claims
+	cp results/claims/claims.* reports/published/claims
 	COLUMNS=110 $(BIN)/python benchmarks/steps.py > reports/published/steps.txt
 	COLUMNS=110 $(BIN)/python -m tests.endurance.processors > reports/published/processors.txt
 	find reports/published -name '*.svg' -delete
