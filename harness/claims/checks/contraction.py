@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from harness.claims.checking import check
+from harness.claims.checks.bead import slope
 from harness.claims.checks.motions import qps_of, run_of
-from problems import ContactQP
+from problems import ContactQP, scene, simulate
 from problems.qp import Vector
 from solvers import make_solver
 
@@ -55,3 +56,18 @@ def bounded(label: str, claimed_rate: float = 1.0) -> float:
             if change > 1e-9:
                 most = max(most, error * (1 - rho) / (rho * change))
     return most
+
+
+@check
+def predicted(steps: int) -> float:
+    """k in ‖q̇⁽¹⁾ − q̇⁽⁰⁾‖ = O(hᵏ) along the damper of fig3, so many steps of h from its start.
+
+    It is read off d, which changes from the first pass to the second by D⁻¹ ∂f/∂q̇ (q̇⁽¹⁾ − q̇⁽⁰⁾).
+    """
+    lengths, changes = 0.02 / 2.0 ** np.arange(4), []
+    for h in lengths:
+        run = simulate(scene("fig3"), make_solver("glambda"), eps=1e-10, fixed_step=float(h),
+                       until=float(steps * h if steps else 0.4), h_first=float(h))  # fmt: skip
+        first = max(i for i, qp in enumerate(run.qps) if qp.kind == "step")
+        changes.append(np.linalg.norm(run.qps[first + 1].d - run.qps[first].d))
+    return slope(lengths, changes)

@@ -35,7 +35,11 @@ fails = "no parabola"
 
 @pytest.mark.parametrize(
     "entry",
-    [pytest.param(e, id=e.id, marks=[pytest.mark.slow] if e.slow else []) for e in ENTRIES],
+    [
+        pytest.param(e, id=e.id, marks=[pytest.mark.slow] if e.slow else [])
+        for e in ENTRIES
+        if not e.check.startswith("adapters.")  # a time, which no test holds
+    ],
 )
 def test_a_claim_holds_and_its_control_fails(entry: Entry, tmp_path: Path) -> None:
     assert outcome(entry, tmp_path).wrong == ""
