@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from harness.study.replay import replay as replay
     from problems.bodies.bodies import Body as Body
     from problems.bodies.bodies import box as box
+    from problems.bodies.bodies import disc as disc
     from problems.bodies.bodies import polygon_body as polygon_body
     from problems.bodies.forces import Force as Force
     from problems.bodies.forces import Gravity as Gravity
@@ -72,7 +73,7 @@ HOMES = {
     "harness.recordings.of_qps": "recording_from",
     "harness.recordings.recording": "Recording read_recording write_recording",
     "harness.study.replay": "replay",
-    "problems.bodies.bodies": "Body box polygon_body",
+    "problems.bodies.bodies": "Body box disc polygon_body",
     "problems.bodies.forces": "Force Gravity Impulse Load SpringDamper",
     "problems.contacts.geometry": "HalfPlane",
     "problems.qp": "ContactQP Solution Status",

@@ -29,7 +29,7 @@ APART = 0.01
 """Pose error [m] beyond which two motions have separated."""
 WINDOW = 0.05
 """Events farther apart than this [s] are not the same one."""
-MATCHED_KINDS = ("impulse", "slide_off", "slip_to_stick", "force_jump")
+MATCHED_KINDS = ("impulse", "slide_off", "roll_over", "slip_to_stick", "force_jump")
 """Kinds of event that are matched.  The others are bookkeeping (drop, hand_over), or their time is
 set by ε (stick_to_slip, rest)."""
 

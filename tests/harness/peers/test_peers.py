@@ -30,7 +30,7 @@ from harness.peers.observe import energy, observe, penetration
 from harness.peers.ours import BOUNDED, Glambda
 from harness.peers.tasks import DEFAULT, FRAME, Task, digest_of, started, tasks_of
 from problems import Scene, scene
-from problems.bodies.bodies import box
+from problems.bodies.bodies import box, disc
 from problems.contacts.geometry import HalfPlane
 from reports.peers.page import write_peers
 from reports.peers.tables import least_table, rest_table
@@ -119,7 +119,12 @@ def test_a_leaning_box_falls_as_its_moment_of_inertia_says(engine: str) -> None:
 
 @every_engine
 @pytest.mark.parametrize(
-    ("field", "value"), [("mu_pairs", {(1, 0): 0.3}), ("forces", leaning_box(spring=True).forces)]
+    ("field", "value"),
+    [
+        ("mu_pairs", {(1, 0): 0.3}),
+        ("forces", leaning_box(spring=True).forces),
+        ("bodies", (disc(0.5),)),
+    ],
 )
 def test_what_engines_cannot_be_given_is_refused(engine: str, field: str, value: Any) -> None:
     if engine == OURS:

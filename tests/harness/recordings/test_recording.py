@@ -20,6 +20,8 @@ from harness.recordings import file as recording_file
 from harness.recordings.file import ENTRY_BYTES, QP_BYTES
 from harness.recordings.layout import FIELDS
 from harness.recordings.recording import Recording, RecordingError, read_recording, write_recording
+from harness.study.record import record
+from problems import scene
 from problems.stepping.run import Event
 from tests.endurance.forged_recordings import forge
 from tests.fakes.fake_recordings import fake_recording
@@ -78,6 +80,16 @@ def test_arrays_are_read_only(file: Path) -> None:
     assert not read.q.flags.writeable
     assert not read.qps[0].d.flags.writeable
     assert not read.references[0].Ax.flags.writeable
+
+
+def test_a_disc_is_read_as_it_was_written(tmp_path: Path) -> None:
+    path, made = tmp_path / "wheel_edge.h5", scene("wheel_edge")
+    write_recording(path, record(made, until=0.3))
+    read = [part for body in read_recording(path).polygons for part in body]
+    drawn = [part for body in made.bodies for part in body.polygons]
+    assert sorted(len(part) for part in read) == [1, 4]
+    for one, two in zip(read, drawn, strict=True):
+        np.testing.assert_array_equal(one, two)
 
 
 def test_empty_recording(tmp_path: Path) -> None:
