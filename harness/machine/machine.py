@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
+import subprocess
 import sys
 from collections.abc import Iterable
 from functools import cache
@@ -46,6 +47,22 @@ def machine() -> dict[str, str]:
 def library_versions() -> dict[str, str]:
     """Versions of the libraries that every result depends on."""
     return {name: metadata.version(name) for name in LIBRARIES}
+
+
+@cache
+def commit() -> str:
+    """Commit of the checkout that the code stands in, a + behind it if that was changed since.
+
+    Empty where there is no checkout, or no Git.
+    """
+    asked = ("git", "describe", "--always", "--dirty=+", "--exclude=*")
+    try:
+        told = subprocess.run(
+            asked, cwd=Path(__file__).parent, capture_output=True, text=True, check=True, timeout=9
+        )
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return told.stdout.strip()
 
 
 def version_of(cls: type[Solver]) -> str:

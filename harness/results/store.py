@@ -2,7 +2,7 @@
 
     RESULTS/recordings/<label>.h5          the recordings that were replayed
     RESULTS/solves/<shard>.parquet         one row per QP, with the times of every pass
-    RESULTS/study.json                     machine, versions and arguments
+    RESULTS/study.json                     machine, versions, commit, day and arguments
     RESULTS/spent.json                     seconds spent replaying, and in the calls of solvers
     RESULTS/.lock                          held by the process that writes
 
@@ -79,7 +79,7 @@ and the start of processes; and those inside the calls of solvers that were time
 
 STUDY: dict[str, type] = {
     **dict.fromkeys(("machine", "clock", "libraries", "solvers", "arguments"), dict),
-    "study": str,
+    **dict.fromkeys(("study", "begun", "commit"), str),
 }
 """What study.json may say, and of what type; the clock's are numbers."""
 
@@ -188,7 +188,7 @@ class Store:
             _agree(seen, key, self._path(key), "to be made")
 
     def write_study(self, description: Mapping[str, Any]) -> None:
-        """Write study.json: machine, versions, arguments."""
+        """Write study.json: machine, versions, commit, day, arguments."""
         path = self.folder / "study.json"
         with self._written(path):
             write_whole(path, (json.dumps(description, indent=2, sort_keys=True) + "\n").encode())

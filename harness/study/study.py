@@ -14,12 +14,13 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
 from harness.judging.facts import SETTINGS
 from harness.machine.calibration import clock_facts
 from harness.machine.kernels import compile_ahead
-from harness.machine.machine import library_versions, machine
+from harness.machine.machine import commit, library_versions, machine
 from harness.names import METHOD, PAPER
 from harness.passes.limits import TIME_LIMIT
 from harness.passes.starts import STUDY_ARMS
@@ -128,6 +129,8 @@ def run_study(
             "solvers": {name: solver_version(name) for name in solvers},
             "arguments": {**asdict(plan), "solvers": solvers},
             "study": plan.identity,
+            "begun": datetime.now(UTC).date().isoformat(),
+            "commit": commit(),
         }
     )
     compile_ahead(tell=progress)
