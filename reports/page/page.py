@@ -1,6 +1,6 @@
 """The report: tables, figures and one page that stands alone.
 
-    OUT/index.html          everything inside: figures as SVG, style, no script, no other address
+    OUT/index.html          all inside: figures, style, a small script; no other address
     OUT/findings.md         what was found, in sentences
     OUT/tables/*.csv        the same tables, those of all settings in one
     OUT/figures/*.svg, *.png
@@ -26,7 +26,8 @@ import pandas as pd
 from harness.names import is_own
 from reports.motions.frames import plot_scene
 from reports.page.findings_page import findings_page
-from reports.page.page_figures import PageFigures
+from reports.page.headlines import facts, not_to_conclude, ranked_tables, short_answers
+from reports.page.page_figures import figure_markup
 from reports.parts.sentences import Answer, join
 from reports.parts.style import draw_files
 from reports.parts.table import Table, write_tables, write_text
@@ -119,7 +120,6 @@ class _Writer:
         self.results = results
         self.made: list[Table] = []
         self.figures = out / "figures"
-        self.drawn = PageFigures()
 
     def table(self, table: Table) -> dict[str, Any]:
         """Keep a table for its file; returns what the template needs."""
@@ -130,7 +130,7 @@ class _Writer:
         """Draw a figure as SVG and PNG; returns what the template needs."""
         name = slug(name)
         draw_files(draw, self.figures / name)
-        return {"markup": self.drawn.add(self.figures / name, caption), "caption": caption}
+        return {"markup": figure_markup(self.figures / name, caption), "caption": caption}
 
     def page(self, context: dict[str, Any]) -> str:
         """The whole page as text; context : everything that the template shows."""
@@ -147,9 +147,11 @@ class _Writer:
         for entry in _figures_in(context):
             entry["markup"] = Markup(entry["markup"])
         environment.filters["prose"] = prose
-        style = environment.get_template("page.css").render() + "\n" + self.drawn.styles
+        style, script = (
+            Markup(environment.get_template(f"page.{kind}").render()) for kind in ("css", "js")
+        )
         page = environment.get_template("page.html.j2").render(
-            style=Markup(style), outlines=Markup(self.drawn.outlines), **context
+            style=style, script=script, **context
         )
         return page + "\n"
 
@@ -172,6 +174,10 @@ class _Writer:
         ]
         context: dict[str, Any] = {
             "lead": lead(results),
+            "facts": facts(results),
+            "short": short_answers(results),
+            "cautions": not_to_conclude(results),
+            "ranked": [self.table(table) for table in ranked_tables(results)],
             "scenes": results.scenes,
             "answers": [answer for answer in candidates if answer is not None],
             "missing": results.missing,
@@ -194,6 +200,7 @@ class _Writer:
             "commands": reproduce(results),
         }
         context["contents"] = _contents(context)
+        context["anchors"] = [anchor for anchor, _ in context["contents"]]
         return context
 
     def scene(self, scene: str) -> dict[str, Any]:
@@ -527,6 +534,8 @@ def _contents(context: dict[str, Any]) -> Sequence[tuple[str, str]]:
     return [
         (anchor, title)
         for anchor, title, there in (
+            ("unflattering", "Where our method loses", context["unflattering"] is not None),
+            ("ablation", "Our variants", len(context["ranked"]) > 1),
             ("scenes", "The scenes", True),
             ("accuracy", "Accuracy", context["accuracy"]),
             ("trust", "Why trust the verdicts", context["trust"]),
@@ -538,7 +547,6 @@ def _contents(context: dict[str, Any]) -> Sequence[tuple[str, str]]:
             ("disturbed", "Disturbances", context["disturbed"]),
             ("outside", "Outside the four scenes", context["outside"]),
             ("criterion", "Criterion", context["criterion"]),
-            ("unflattering", "Where our method loses", context["unflattering"] is not None),
             ("protocol", "How it was measured", True),
             ("reproduce", "How to reproduce", True),
         )

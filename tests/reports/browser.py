@@ -12,12 +12,21 @@ import os
 import select
 import shutil
 import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any, Self
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-pipe", "--no-first-run")
+LAUNCH = """
+import os, sys
+ends = [os.dup(os.dup(os.dup(int(end)))) for end in sys.argv[1:3]]  # none of them is 3 or 4
+for end, number in zip(ends, (3, 4)):
+    os.dup2(end, number)
+os.execv(sys.argv[3], sys.argv[3:])
+"""
+"""Become the browser, with the ends of the pipes where it looks for them."""
 PATIENCE = 120.0
 """Longest wait for one answer [s]."""
 
@@ -37,7 +46,7 @@ class Browser:
         self._number, self._left = 0, b""
         command = [str(found()), *FLAGS, f"--user-data-dir={folder}"]
         self._process = subprocess.Popen(
-            ["/bin/sh", "-c", f'exec "$@" 3<&{told} 4>&{hears}', "sh", *command],
+            [sys.executable, "-c", LAUNCH, str(told), str(hears), *command],
             pass_fds=(told, hears), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
         os.close(told)
