@@ -165,12 +165,14 @@ class Watch:
 
     def _draw_arrows(self, axes: Axes, longest: float) -> None:
         """λ_N at its corner along the normal; the chosen constraint in red."""
-        active, pose = self.system.graph.active_set(), self.system.pose()
+        assembly = self.system.assembly()
+        active, pose = assembly.active, assembly.pose
         largest = max(float(active.lam[0].max(initial=0.0)), 1e-12)
         for i, normal in enumerate(active.normals):
-            x, y = pose.corners[normal.corner]
-            along = self.system.graph.geometry.direction(pose, normal.part, normal.edge)
-            dx, dy = longest * active.lam[0][i] / largest * np.array([along[1], -along[0]])
+            outward = assembly.columns.normal[i, :2]
+            x, y, radius = pose.corners[normal.corner]
+            x, y = (x, y) - radius * outward
+            dx, dy = longest * active.lam[0][i] / largest * outward
             colour = VERMILLION if i == self.chosen % len(active.normals) else INK
             axes.plot(x, y, marker="o", markersize=4, color=colour, zorder=6)
             axes.annotate("", xy=(x + dx, y + dy), xytext=(x, y), zorder=6,

@@ -66,7 +66,9 @@ def instant_of(scene: Scene, t: float, solver: SolvesQPs, **settings: Any) -> In
 
 def _read(scene: Scene, stepper: Stepper) -> Instant:
     system = stepper.system
-    graph, corners = system.graph, system.pose().corners
+    assembly = system.assembly()
+    graph, corners, columns = system.graph, assembly.pose.corners, assembly.columns
+    place = {row_id: i for i, row_id in enumerate(assembly.normal_ids.tolist())}
     stretch = system.stretches[-1]
     lam = dict(zip(stretch.row_ids, stretch.lam[-1].tolist(), strict=True))
     numbers: dict[int, int] = {}
@@ -78,7 +80,9 @@ def _read(scene: Scene, stepper: Stepper) -> Instant:
         if id(contact) not in numbers:
             numbers[id(contact)] = len(contacts)
             contacts.append(_bodies(graph.geometry, contact.pair))
-        at = corners[(normal or contact.normals[0]).corner].copy()
+        x, y, radius = corners[(normal or contact.normals[0]).corner]
+        outward = columns.normal[place[(normal or contact.normals[0]).row_id], :2]
+        at = (x, y) - radius * outward
         kind = "F" if normal is None else "N"
         constraints.append(Constraint(kind, numbers[id(contact)], lam.get(row_id, 0.0), at))
     return Instant(

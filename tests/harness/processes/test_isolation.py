@@ -108,7 +108,7 @@ def test_all_other_answers_are_kept(study: pd.DataFrame, name: str) -> None:
 def test_a_run_that_has_lost_a_process_is_not_repeated(study: pd.DataFrame) -> None:
     lossy = study.groupby("solver")["verdict"].agg(lambda v: v.isin(["crashed", "timeout"]).any())
     repeats = study.groupby("solver")["repeats"].first()
-    assert (repeats[lossy] == 1).all() and (repeats[~lossy] == 2).all()
+    assert repeats[lossy & (repeats != 1)].empty and repeats[~lossy & (repeats != 2)].empty
     assert lossy.sum() >= 20 and (~lossy).sum() >= 20
 
 
