@@ -106,10 +106,13 @@ def test_all_other_answers_are_kept(study: pd.DataFrame, name: str) -> None:
 
 
 def test_a_run_that_has_lost_a_process_is_not_repeated(study: pd.DataFrame) -> None:
-    lossy = study.groupby("solver")["verdict"].agg(lambda v: v.isin(["crashed", "timeout"]).any())
     repeats = study.groupby("solver")["repeats"].first()
-    assert repeats[lossy & (repeats != 1)].empty and repeats[~lossy & (repeats != 2)].empty
-    assert lossy.sum() >= 20 and (~lossy).sum() >= 20
+    loses = [name for name, crime in CRIMES.items() if crime.verdict in ("crashed", "timeout")]
+    assert repeats[loses][repeats[loses] != 1].empty
+    # one that loses a process to a busy machine, at whatever pass, tells nothing
+    lost = study.groupby("solver")["verdict"].agg(lambda v: v.isin(["crashed", "timeout"]).any())
+    assert repeats[~lost & (repeats != 2)].empty
+    assert len(loses) >= 20 and (~lost).sum() >= 20
 
 
 def test_a_killed_solve_has_the_time_that_was_waited_for_it(study: pd.DataFrame) -> None:
