@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
@@ -18,7 +19,7 @@ from problems.sequence import SolvesQPs
 from problems.stepping.options import StepperOptions
 from problems.stepping.stepper import Stepper
 from reports.motions.frames import draw_bodies, window_of
-from reports.motions.motion import Motion
+from reports.motions.motion import Motion, motion_of
 from reports.parts.style import INK, VERMILLION
 
 if TYPE_CHECKING:
@@ -112,8 +113,7 @@ class Watch:
             return
         normal = active[self.chosen % len(active)]
         self.said = f"dropped: {self.system.place_name(normal.place)}"
-        graph, at = self.system.graph, (np.array([normal.corner]), np.array([normal.part]))
-        graph.remove(normal, float(graph.geometry.distances(self.system.pose(), *at).max()))
+        self.system.graph.remove(normal, self.system.clearance(self.system.pose(), normal))
         self.stepper.transitions.restart(0)
 
     def introduce(self) -> None:
@@ -124,7 +124,7 @@ class Watch:
         if not free.size:
             self.said = "no corner is near an edge"
             return
-        phi = graph.geometry.distances(pose, near.corner[free], near.part[free]).max(axis=1)
+        phi = graph.geometry.clearance(pose, near.corner[free], near.part[free])
         for i in free[np.argsort(phi)].tolist():
             corner, part = int(near.corner[i]), int(near.part[i])
             made = graph.insert(pose, corner, part, graph.geometry.hit_edge(pose, corner, part))
@@ -145,12 +145,8 @@ class Watch:
 
     def motion(self) -> Motion:
         """The bodies as they are."""
-        q = self.system.q.reshape(1, -1, 3).copy()
-        return Motion(
-            self.scene.label, np.array([self.system.t]), q, np.zeros_like(q),
-            [body.polygons for body in self.scene.bodies], [],
-            [(plane.point, plane.normal) for plane in self.scene.ground],
-        )  # fmt: skip
+        q, v = (x.reshape(1, -1, 3).copy() for x in (self.system.q, self.system.history.v))
+        return motion_of(SimpleNamespace(scene=self.scene, t=np.array([self.system.t]), q=q, v=v))
 
     def draw(self, axes: Axes) -> None:
         """The bodies, λ as arrows, and what is said."""

@@ -230,3 +230,22 @@ def main(
     each answer is judged by A x, so by Gλ and the motion, never by λ, which is not unique where
     contacts are redundant.
     """
+
+
+def made_scene(label: str, settings: list[str] | None) -> Any:
+    """The scene, or network, that a command is told of: "fig4,mu_I=0.8" and its --set."""
+    from problems import scene
+    from problems.scenes.labels import parse_label, parse_settings
+
+    name, parameters = parse_label(label)
+    return scene(name, **{**parameters, **parse_settings(settings or [])})
+
+
+def scene_of_bodies(label: str, settings: list[str] | None, remedy: str) -> Any:
+    """The same, of bodies.  Raises ValueError, with a remedy, for a network."""
+    from problems import Scene
+
+    made = made_scene(label, settings)
+    if not isinstance(made, Scene):
+        raise ValueError(f"{label} is a network, {remedy}")
+    return made

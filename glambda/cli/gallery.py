@@ -10,6 +10,9 @@ import typer
 from glambda.cli.app import app, terminal, told
 from glambda.cli.streams import say
 
+LONGEST = 6.0
+"""Longest motion that is shown [s]."""
+
 
 @app.command()
 @told
@@ -34,15 +37,11 @@ def gallery(
     kinds = scene_kinds()
     wanted = list(names or [name for each in kinds.values() for name in each])
     made = {name: scene(name) for name in wanted}
-    entries = {}
+    entries, solver = {}, make_solver("glambda")
     with shown("gallery", terminal(err=True)) as tell:
         for done, (name, each) in enumerate(made.items()):
             tell(name, done, len(made))
             until = min(each.end_time, LONGEST)
-            run = simulate(each, make_solver("glambda"), until=until, keep_qps=False)
+            run = simulate(each, solver, until=until, keep_qps=False)
             entries[name] = draw_entry(name, run, output)
     say(str(write_index(output, kinds, entries)))
-
-
-LONGEST = 6.0
-"""Longest motion that is shown [s]."""

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from glambda.cli.app import Sets, app, output_file, terminal, told
+from glambda.cli.app import Sets, app, output_file, scene_of_bodies, terminal, told
 from glambda.cli.streams import say
 
 
@@ -29,18 +29,12 @@ def graph(
     """
     from harness.motions.instant import instant_of
     from harness.progress import shown
-    from problems import Scene
-    from problems import scene as make_scene
-    from problems.scenes.labels import parse_label, parse_settings
     from reports.motions.graph import plot_graph
     from solvers import make_solver
 
     path = output_file(picture, (".png", ".svg", ".pdf"), "-o")
     assert path is not None
-    name, parameters = parse_label(scene)
-    made = make_scene(name, **{**parameters, **parse_settings(settings or [])})
-    if not isinstance(made, Scene):
-        raise ValueError(f"{scene} is a network; its graph of constraints is not that of contacts")
+    made = scene_of_bodies(scene, settings, "whose graph of constraints is not that of contacts")
     with shown(f"simulate {made.label}", terminal(err=True)):
         instant = instant_of(made, at, make_solver("glambda"))
     say(str(plot_graph(instant, path)))

@@ -22,6 +22,7 @@ from glambda.cli.app import (
     Stops,
     Until,
     app,
+    made_scene,
     output_file,
     terminal,
     told,
@@ -95,9 +96,7 @@ def simulate(
     from harness.machine.kernels import compile_ahead
     from harness.names import is_own
     from harness.progress import shown
-    from problems import scene as make_scene
     from problems import simulate as run_scene
-    from problems.scenes.labels import parse_label, parse_settings
     from problems.sequence import SimulationError
     from solvers import make_solver
     from solvers.registry import target_of
@@ -105,9 +104,8 @@ def simulate(
     table = output_file(trajectory, (".csv",), "--trajectory")
     picture = output_file(plot, (".png", ".svg", ".pdf"), "--plot")
     film = output_file(animate, (".gif",), "--animate")
-    name, parameters = parse_label(scene)
     with shown(f"make {scene}", terminal(err=True)):  # a large heap takes half a minute
-        made = make_scene(name, **{**parameters, **parse_settings(settings or [])})
+        made = made_scene(scene, settings)
     end = made.end_time if how["until"] is None else how["until"]
     early: BaseException | None = None
     target_of(solver)  # raises for an unknown one, before anything is compiled

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from glambda.cli.app import Sets, app, told
+from glambda.cli.app import Sets, app, scene_of_bodies, told
 
 
 @app.command()
@@ -23,13 +23,7 @@ def watch(
     Example:  glambda watch fig4
     """
     from glambda.watch import Watch, show
-    from problems import Scene
-    from problems import scene as make_scene
-    from problems.scenes.labels import parse_label, parse_settings
     from solvers import make_solver
 
-    name, parameters = parse_label(scene)
-    made = make_scene(name, **{**parameters, **parse_settings(settings or [])})
-    if not isinstance(made, Scene):
-        raise ValueError(f"{scene} is a network, which has no bodies to watch; simulate it")
+    made = scene_of_bodies(scene, settings, "which has no bodies to watch; simulate it")
     show(Watch(made, make_solver("glambda")))

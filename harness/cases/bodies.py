@@ -19,10 +19,9 @@ Found = dict[str, Any]
 """quantity, value, expected and, where it was observed, order."""
 
 
-def run_of(solver: SolvesQPs, name: str, how: dict[str, Any], **parameters: Any) -> Run:
-    """A run without its QPs."""
-    run: Run = simulate(scene(name, **parameters), solver, keep_qps=False, **how)
-    return run
+def run_of(solver: SolvesQPs, name: str, how: dict[str, Any], **parameters: Any) -> Any:
+    """A run, of bodies or of a network, without its QPs."""
+    return simulate(scene(name, **parameters), solver, keep_qps=False, **how)
 
 
 def found(quantity: str, value: float, expected: float, order: float = np.nan) -> Found:

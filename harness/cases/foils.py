@@ -15,6 +15,7 @@ from harness.peers.tasks import started
 from harness.results.claim import Claim, Row, claim_over
 from problems import scene, simulate
 from problems.qp import Vector
+from problems.scenes.labels import parse_label
 from problems.sequence import SolvesQPs
 
 SCENES = ("fig4", "fig4,mu_I=0.8", "fig5")
@@ -36,8 +37,7 @@ def foils_claim(solver: SolvesQPs) -> Claim:
 
 def ways_of(label: str, solver: SolvesQPs) -> list[Row]:
     """One row for each way to move a scene."""
-    name, _, setting = label.partition(",mu_I=")
-    parameters = {"mu_I": float(setting)} if setting else {}
+    name, parameters = parse_label(label)
     made = scene(name, **parameters)
     found: list[Row] = []
     paper: Vector | None = None

@@ -145,9 +145,10 @@ def loaded_gaps(scene: Scene, q: Vector, qp: ContactQP, x: Vector) -> Vector:
     normal = qp.feature[:, 4] == NORMAL
     pushes = normal & (x > PUSHES * x[normal].max(initial=0.0)) & (x > 0)
     gaps: list[float] = []
+    discs = Geometry(scene.bodies, scene.ground) if any(b.disc for b in scene.bodies) else None
     for body, corner, other, edge, _ in qp.feature[pushes]:
-        if scene.bodies[body].disc:
-            gaps.append(_gap_of_disc(scene, q, body, other, edge))
+        if discs is not None and scene.bodies[body].disc:
+            gaps.append(_gap_of_disc(discs, q, body, other, edge))
             continue
         point = _placed(np.concatenate(scene.bodies[body].polygons)[[corner]], q[[body]])[0, 0]
         if other == GROUND:
@@ -163,9 +164,8 @@ def loaded_gaps(scene: Scene, q: Vector, qp: ContactQP, x: Vector) -> Vector:
     return np.array(gaps)
 
 
-def _gap_of_disc(scene: Scene, q: Vector, body: int, other: int, plane: int) -> float:
+def _gap_of_disc(geometry: Geometry, q: Vector, body: int, other: int, plane: int) -> float:
     """Distance [m] of a disc from the nearest part of another body, or from one half plane."""
-    geometry = Geometry(scene.bodies, scene.ground)
     parts = np.flatnonzero(geometry.part_body == other)
     parts = parts[plane : plane + 1] if other == GROUND else parts
     centre = np.repeat(np.flatnonzero(geometry.corner_body == body), parts.size)

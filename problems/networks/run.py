@@ -10,8 +10,7 @@ import numpy as np
 
 from problems.networks.network import Network
 from problems.qp import ContactQP, Solution, Vector
-from problems.short import Short
-from problems.stepping.run import Event
+from problems.stepping.run import Event, Simulated
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -21,7 +20,7 @@ NETWORK_EVENTS = ("blocks", "conducts", "switch")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class NetworkRun(Short):
+class NetworkRun(Simulated):
     """Outcome of `problems.networks.stepper.simulate`.
 
     t : (n,) [s] accepted times
@@ -42,9 +41,6 @@ class NetworkRun(Short):
     solutions: list[Solution]
     counts: dict[str, int]
     options: dict[str, Any]
-
-    def _title(self) -> str:
-        return self.scene.label
 
     def _sizes(self) -> dict[str, Any]:
         return {
@@ -72,10 +68,3 @@ class NetworkRun(Short):
         }
         columns |= {f"u {node}": u for node, u in enumerate(self.potentials.T, start=1)}
         return pd.DataFrame({"t": self.t, **columns})
-
-    @cached_property
-    def events(self) -> pd.DataFrame:
-        """One row per event: t, kind, detail."""
-        import pandas as pd
-
-        return pd.DataFrame(self.event_log, columns=["t", "kind", "detail"])

@@ -67,8 +67,26 @@ class Event(NamedTuple):
     detail: str
 
 
+class Simulated(Short):
+    """What every run tells, of bodies or of a network."""
+
+    scene: Any
+    event_log: list[Event]
+
+    def _title(self) -> str:
+        label: str = self.scene.label
+        return label
+
+    @cached_property
+    def events(self) -> pd.DataFrame:
+        """One row per event: t, kind, detail."""
+        import pandas as pd
+
+        return pd.DataFrame(self.event_log, columns=["t", "kind", "detail"])
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Run(Short):
+class Run(Simulated):
     """Outcome of `simulate`.
 
     t : (n,) [s] accepted times; a time stands twice where an impulse changed the velocities
@@ -91,9 +109,6 @@ class Run(Short):
     solutions: list[Solution]
     counts: dict[str, int]
     options: dict[str, Any]
-
-    def _title(self) -> str:
-        return self.scene.label
 
     def _sizes(self) -> dict[str, Any]:
         return {
@@ -124,13 +139,6 @@ class Run(Short):
         frame.insert(0, "t", np.repeat(self.t, bodies))
         frame.insert(1, "body", np.tile(np.arange(1, bodies + 1), n))
         return frame
-
-    @cached_property
-    def events(self) -> pd.DataFrame:
-        """One row per event: t, kind, detail."""
-        import pandas as pd
-
-        return pd.DataFrame(self.event_log, columns=["t", "kind", "detail"])
 
     def kinetic_energy(self) -> Vector:
         """T = ½ q̇ᵀ M q̇ at each time, (n,) [J]."""

@@ -33,9 +33,8 @@ def cases_table(rows: pd.DataFrame) -> Table:
 
 def write_cases(tables: Sequence[Table], folder: Path) -> Path:
     """Write the page, every row of it, and the tables as CSV; return the page."""
-    parts = []
-    for table in tables:
-        align = ["right" if table.numeric(name) else "left" for name in table.data.columns]
-        rows = table.display().to_markdown(index=False, disable_numparse=True, colalign=align)
-        parts.append(f"# {table.title}\n\n*How to read:* {table.reading}\n\n{rows}\n")
+    parts = [
+        f"# {table.title}\n\n*How to read:* {table.reading}\n\n{table.rows_in_markdown()}\n"
+        for table in tables
+    ]
     return write_page(folder / "cases.md", "\n".join(parts), tables)

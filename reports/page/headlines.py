@@ -40,14 +40,17 @@ def facts(results: Results) -> list[tuple[str, str]]:
 
 
 def pooled(results: Results) -> pd.DataFrame:
-    """Rows of all scenes, of who is compared on every one, as in a simulation."""
+    """Rows of all scenes, of who is compared on every one, as in a simulation; what the others of
+    this file are handed as `rows`.
+    """
+    if results.headline is None:
+        return pd.DataFrame()
     arm, setting = sequence_arm(results), str(results.headline)
     return pool([compare(results.rows, scene, setting, arm) for scene in results.scenes])
 
 
-def ranked_tables(results: Results) -> list[Table]:
+def ranked_tables(results: Results, rows: pd.DataFrame) -> list[Table]:
     """Everybody but our variants, packages first; then the variants, which is an ablation."""
-    rows = pooled(results)
     if rows.empty:
         return []
     ranking = scores(rows, results.time_limit).set_index("solver")
@@ -83,9 +86,8 @@ def _ranked(name: str, title: str, data: pd.DataFrame, results: Results) -> Tabl
     )
 
 
-def short_answers(results: Results) -> list[dict[str, Any]]:
+def short_answers(results: Results, rows: pd.DataFrame) -> list[dict[str, Any]]:
     """Question, sentence and anchor of the evidence, as far as the study tells."""
-    rows = pooled(results) if results.headline is not None else pd.DataFrame()
     if rows.empty:
         return []
     found = [
@@ -178,14 +180,14 @@ def _refactorize(results: Results) -> str:
     )
 
 
-def not_to_conclude(results: Results) -> list[str]:
+def not_to_conclude(results: Results, rows: pd.DataFrame) -> list[str]:
     """What these numbers do not tell."""
-    rows = results.rows[results.rows["k"] > 0]
-    if rows.empty:
+    posed = results.rows[results.rows["k"] > 0]
+    if posed.empty:
         return []
-    machines = rows["machine"].nunique()
+    machines = posed["machine"].nunique()
     said = [
-        f"Larger QPs: k ≤ {whole(rows['k'].max())}, {whole(rows['k'].median())} in the median.",
+        f"Larger QPs: k ≤ {whole(posed['k'].max())}, {whole(posed['k'].median())} in the median.",
         f"Other machines: times are of {machines} machine{'s' * (machines != 1)} alone.",
     ]
     heaps = [scene for scene in results.scenes if scene.startswith(("heap", "pyramid", "wall"))]
@@ -194,8 +196,8 @@ def not_to_conclude(results: Results) -> list[str]:
         if heaps
         else "Who wins on heaps: there is none here."
     )
-    table = by_clock(pooled(results)) if results.headline is not None else pd.DataFrame()
-    if len(table):
+    if len(rows):
+        table = by_clock(rows)
         others = table[[not is_own(str(name)) for name in table.index]]
         share = (1 - others["inside the package"] / others["from A, d and bounds"]).dropna()
         if len(share):

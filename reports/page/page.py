@@ -26,7 +26,7 @@ import pandas as pd
 from harness.names import is_own
 from reports.motions.frames import plot_scene
 from reports.page.findings_page import findings_page
-from reports.page.headlines import facts, not_to_conclude, ranked_tables, short_answers
+from reports.page.headlines import facts, not_to_conclude, pooled, ranked_tables, short_answers
 from reports.page.page_figures import figure_markup
 from reports.parts.sentences import Answer, join
 from reports.parts.style import draw_files
@@ -172,12 +172,13 @@ class _Writer:
             pareto_answer(results),
             outside_answer(outside),
         ]
+        rows = pooled(results)
         context: dict[str, Any] = {
             "lead": lead(results),
             "facts": facts(results),
-            "short": short_answers(results),
-            "cautions": not_to_conclude(results),
-            "ranked": [self.table(table) for table in ranked_tables(results)],
+            "short": short_answers(results, rows),
+            "cautions": not_to_conclude(results, rows),
+            "ranked": [self.table(table) for table in ranked_tables(results, rows)],
             "scenes": results.scenes,
             "answers": [answer for answer in candidates if answer is not None],
             "missing": results.missing,

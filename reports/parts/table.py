@@ -65,14 +65,17 @@ class Table:
         if len(self.data) > LONGEST:
             parts.append(f"{len(self.data):,} rows are in [{self.name}.csv]({self.name}.csv).")
         elif len(self.data):
-            align = ["right" if self.numeric(name) else "left" for name in self.data.columns]
-            text = self.display().to_markdown(index=False, disable_numparse=True, colalign=align)
-            parts.append(text)
+            parts.append(self.rows_in_markdown())
         else:
             parts.append("*Nothing was measured.*")
         if self.notes:
             parts.append("\n".join(f"- {note}" for note in self.notes))
         return "\n\n".join(parts) + "\n"
+
+    def rows_in_markdown(self) -> str:
+        """The table alone, however long."""
+        align = ["right" if self.numeric(name) else "left" for name in self.data.columns]
+        return self.display().to_markdown(index=False, disable_numparse=True, colalign=align)
 
     def to_csv(self) -> str:
         """The numbers as measured, one header line."""

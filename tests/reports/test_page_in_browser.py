@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from reports.page.headlines import WORDS, not_to_conclude, short_answers
+from reports.page.headlines import WORDS, not_to_conclude, pooled, short_answers
 from reports.page.page import report
 from tests.reports.browser import Browser, found
 from tests.reports.test_reports import SCENES, make_recording, make_rows, results_of
@@ -41,7 +41,7 @@ def browser(page: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Br
 
 def test_answers_are_short_and_have_a_number() -> None:
     results = made_results()
-    answers = short_answers(results)
+    answers = short_answers(results, pooled(results))
     assert [answer["question"] for answer in answers][:2] == [
         "Which solver?", "How much faster, by which clock?",
     ]  # fmt: skip
@@ -51,7 +51,7 @@ def test_answers_are_short_and_have_a_number() -> None:
     assert answers[0]["text"] == (
         "glambda is number 6 of 6, with 12.0 µs; daqp ranks first, 6.00 µs per QP."
     )
-    assert any("k ≤ 6" in text for text in not_to_conclude(results))
+    assert any("k ≤ 6" in text for text in not_to_conclude(results, pooled(results)))
 
 
 def test_the_first_screen_answers_and_warns(page: Path) -> None:
