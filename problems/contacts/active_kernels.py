@@ -1,4 +1,4 @@
-"""J_N and J_F in arrays: which are columns of a QP, what is left when contacts leave; compiled."""
+"""J_N and J_F in arrays, and which of them are columns of a QP; compiled."""
 
 from __future__ import annotations
 
@@ -11,12 +11,18 @@ from problems.kernels.arena import zeros
 from problems.kernels.compiled import kernel
 from problems.qp import Indices, Vector
 
+JOINT = -2
+"""`friction_of` a row of a joint, whose multiplier may have either sign."""
+
 
 class Contacts(NamedTuple):
     """N normals and F frictions that are active, each in the order of row_id.
 
-    place : (N, 3) corner, part, edge;  normal_ids : (N,);  friction_of : (N,) the friction that a
-        normal bounds, or −1;  lam, lam_before : (N,) λ_N at the last two time points
+    The first C normals are of contacts, the others rows of joints.
+
+    place : (C, 3) corner, part, edge;  normal_ids : (N,)
+    friction_of : (N,) the friction that a normal bounds, or −1, or `JOINT`
+    lam, lam_before : (N,) λ_N at the last two time points
     friction_ids : (F,);  first : (F,) the first normal of its contact;  mu : (F,)
     signs : (F,) s of those that slide, 0 of those that stick
     """
@@ -80,33 +86,6 @@ def qp_columns(normal_ids, friction_ids, first, signs):
             sticking[s], sticking_column[s] = j, c
             j, s = j + 1, s + 1
     return row_id, row, tangential, normal_column, sticking, sticking_column
-
-
-@kernel
-def without(contacts, leaving):
-    """`Contacts` without the normals `leaving` (N,) and the frictions that bound nothing then."""
-    place, normal_ids, friction_of, lam, lam_before = contacts[:5]
-    friction_ids, _, mu, signs = contacts[5:]
-    stay = np.flatnonzero(~leaving)
-    number = np.full(mu.size, -1)
-    for i in range(stay.size):
-        if friction_of[stay[i]] >= 0:
-            number[friction_of[stay[i]]] = 0
-    rub = np.flatnonzero(number == 0)
-    first_left = np.full(rub.size, -1)
-    for j in range(rub.size):
-        number[rub[j]] = j
-    bounded = np.full(stay.size, -1)
-    for i in range(stay.size):
-        if friction_of[stay[i]] >= 0:
-            bounded[i] = number[friction_of[stay[i]]]
-    for i in range(stay.size - 1, -1, -1):
-        if bounded[i] >= 0:
-            first_left[bounded[i]] = i
-    return Contacts(
-        *(place[stay], normal_ids[stay], bounded, lam[stay], lam_before[stay]),
-        *(friction_ids[rub], first_left, mu[rub], signs[rub]),
-    )
 
 
 @kernel

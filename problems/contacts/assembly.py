@@ -22,6 +22,7 @@ from problems.contacts.geometry_kernels import (
     sparse_columns,
 )
 from problems.contacts.layout import Layout
+from problems.joints.row_kernels import rows_at
 from problems.qp import Indices, Matrix, Vector
 
 DENSE_ENTRIES = 4_000
@@ -31,11 +32,13 @@ DENSE_ENTRIES = 4_000
 class Assembly:
     """Columns g_N and g_F of all active constraints at the position q (3n,).
 
+    Of N normals the first C are of contacts, the others rows of joints.
+
     active : `ActiveSet`, that of the graph if none is given
-    normals, frictions : its vertices, in the order of row_id
-    place : (N, 3) corner, part and edge of each normal
+    normals, frictions : its vertices, in the order of row_id; C and F of them
+    place : (C, 3) corner, part and edge of each contact;  rows : of joints
     columns : `Columns` of the normals, N rows
-    friction_of : (N,) the friction that a normal bounds, or −1;  mu : (F,)
+    friction_of : (N,) the friction that a normal bounds, or −1, or `JOINT`;  mu : (F,)
     """
 
     def __init__(self, graph: ConstraintGraph, q: Vector, active: ActiveSet | None = None):
@@ -48,7 +51,8 @@ class Assembly:
         self.normal_ids, self.friction_ids = active.normal_ids, active.friction_ids
         self.friction_of, self.mu = active.friction_of, active.mu
         self.place: Indices = active.place
-        self.columns: Columns = geometry.columns_at(self.pose, self.place)
+        self.rows = active.rows
+        self.columns: Columns = self.columns_at(q)
 
     @property
     def places(self) -> list[tuple[int, int, int]]:
@@ -57,7 +61,50 @@ class Assembly:
 
     def columns_at(self, q: Vector) -> Columns:
         """The columns of the same constraints at another position q (3n,)."""
-        return self.geometry.columns_at(self.geometry.pose(q), self.place)
+        pose = self.pose if q is self.q else self.geometry.pose(q)
+        contacts, R = self.geometry.columns_at(pose, self.place), self.rows.kind.size
+        if R == 0:
+            return contacts
+        phi, normal, bodies = rows_at(self.rows, q)
+        blank = Columns(*(np.zeros((R, *part.shape[1:]), part.dtype) for part in contacts))
+        rows = blank._replace(phi=phi, normal=normal, bodies=bodies, length=np.full(R, np.inf))
+        return Columns(*(np.concatenate(pair) for pair in zip(contacts, rows, strict=True)))
+
+    @property
+    def count(self) -> int:
+        """N."""
+        return self.friction_of.size
+
+    @property
+    def rubbing(self) -> Indices:
+        """(N,) the friction that a normal bounds, and any where it bounds none."""
+        return np.maximum(self.friction_of, 0)
+
+    @property
+    def touching(self) -> slice:
+        """The C normals that are contacts."""
+        return slice(len(self.normals))
+
+    @property
+    def bilateral(self) -> Indices:
+        """Numbers of the normals that are rows of joints, and no stops."""
+        return len(self.normals) + np.flatnonzero(self.rows.stop == 0)
+
+    @property
+    def at_stop(self) -> Indices:
+        """Numbers of those that are stops."""
+        return len(self.normals) + np.flatnonzero(self.rows.stop)
+
+    @property
+    def held(self) -> Indices:
+        """Numbers of the rows of joints whose multipliers have no bounds."""
+        free = np.isinf(self.rows.lower) & np.isinf(self.rows.upper)
+        return len(self.normals) + np.flatnonzero(free)
+
+    @property
+    def yielding(self) -> Indices:
+        """Numbers of those that yield at a finite force."""
+        return np.setdiff1d(self.bilateral, self.held)
 
     # --- products with G -------------------------------------------------------------------------
 
@@ -118,7 +165,7 @@ class Assembly:
     def members(self) -> sp.csr_array:
         """(F, N) sparse 0/1: which normals bound which friction."""
         normal = np.flatnonzero(self.friction_of >= 0)
-        shape = (len(self.frictions), len(self.normals))
+        shape = (len(self.frictions), self.count)
         return sp.csr_array((np.ones(normal.size), (self.friction_of[normal], normal)), shape=shape)
 
 

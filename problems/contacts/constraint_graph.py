@@ -18,13 +18,16 @@ from typing import NamedTuple
 import numpy as np
 
 from problems.bodies.shapes import cross
-from problems.contacts.active_kernels import Contacts
+from problems.contacts.active_kernels import JOINT, Contacts
 from problems.contacts.candidates import Candidates
 from problems.contacts.geometry import PARALLEL_SINE, Geometry, Pose
 from problems.contacts.layout import Layout
+from problems.joints.row_kernels import NO_ROWS, Rows
 from problems.qp import Indices, Vector
 
 NO_LAM = (0.0, 0.0)
+JOINT_IDS = 1 << 40
+"""Those of rows of joints follow from here on, after all contacts."""
 
 
 @dataclass(eq=False)
@@ -67,8 +70,10 @@ class Contact:
 class ActiveSet(NamedTuple):
     """J_N and J_F in the order of row_id, in arrays.
 
-    place : (N, 3) corner, part, edge;  feature : (N, 5), see `ContactQP`
-    friction_of : (N,) index of the friction that a normal bounds, or −1
+    Of N normals C are of contacts, listed in `normals`; the others are rows of joints.
+
+    place : (C, 3) corner, part, edge;  rows : of joints;  feature : (N, 5), see `ContactQP`
+    friction_of : (N,) index of the friction that a normal bounds, or −1, or `JOINT`
     first : (F,) index of the first normal of a friction's contact;  mu : (F,)
     lam : (2, N) the multipliers of the last two time points, newest first; 0 before there were any
     layouts : the `Layout` of each set of sticking frictions that a QP has been posed with
@@ -84,6 +89,7 @@ class ActiveSet(NamedTuple):
     first: Indices
     mu: Vector
     lam: Vector
+    rows: Rows
     layouts: dict[bytes, Layout]
 
     def layout(self, signs: Vector) -> Layout:
@@ -109,18 +115,24 @@ class ActiveSet(NamedTuple):
         place = self.place.copy()
         for row_id, where in handed_over.items():
             place[np.searchsorted(self.normal_ids, row_id)] = where
-        return self._replace(place=place, feature=geometry.features(place), layouts={})
+        feature = np.concatenate([geometry.features(place), self.feature[len(place) :]])
+        return self._replace(place=place, feature=feature, layouts={})
 
 
 class ConstraintGraph:
     """Active constraints J_N, J_FO, J_FW and the candidates around them.
 
     candidates : `Candidates`, of which those are free that are not in J_N
+    rows : all rows of joints;  at_stop : the numbers of the stops among them that are in J_N
     """
 
-    def __init__(self, geometry: Geometry, mu_of: Callable[[int, int], float]):
+    def __init__(
+        self, geometry: Geometry, mu_of: Callable[[int, int], float], rows: Rows = NO_ROWS
+    ):
         self.geometry = geometry
         self.mu_of = mu_of
+        self.rows = rows
+        self.at_stop: set[int] = set()
         self.of_body: dict[int, list[Contact]] = {}
         self.of_pair: dict[tuple[int, int], list[Contact]] = {}
         self.normals: dict[int, Normal] = {}
@@ -279,7 +291,7 @@ class ConstraintGraph:
             self._active.lam[:] = lam
         else:
             pairs = zip(*(part.tolist() for part in lam), strict=True)
-            self._lam = dict(zip(sorted(self.normals), pairs, strict=True))
+            self._lam = dict(zip(self.row_ids()[0].tolist(), pairs, strict=True))
 
     def note_multipliers(self, lam_N: Vector) -> None:
         """Keep λ_N (N,) of a new time point beside that of the last."""
@@ -288,8 +300,26 @@ class ConstraintGraph:
 
     def row_ids(self) -> tuple[Indices, Indices]:
         """Those of the active normals (N,) and frictions (F,), in order."""
+        joints = JOINT_IDS + self.acting_rows()
         ids = sorted(self.normals), sorted(self.frictions)
-        return np.array(ids[0], dtype=np.int64), np.array(ids[1], dtype=np.int64)
+        return np.array([*ids[0], *joints], dtype=np.int64), np.array(ids[1], dtype=np.int64)
+
+    # --- joints ----------------------------------------------------------------------------------
+
+    def acting_rows(self) -> Indices:
+        """Numbers of the rows of joints that are in J_N, stops only where they are reached."""
+        stops = self.rows.stop != 0
+        reached = np.isin(np.arange(stops.size), list(self.at_stop))
+        return np.flatnonzero(~stops | reached)
+
+    def waiting_stops(self) -> Indices:
+        """Numbers of the stops that are not in J_N."""
+        return np.setdiff1d(np.flatnonzero(self.rows.stop), list(self.at_stop))
+
+    def set_stop(self, row: int, reached: bool) -> None:
+        """Let a stop come into J_N, or leave it."""
+        self._change()
+        (self.at_stop.add if reached else self.at_stop.discard)(row)
 
     def active(self) -> list[Normal]:
         """J_N in the order of row_id."""
@@ -304,22 +334,35 @@ class ConstraintGraph:
             number = {friction.row_id: j for j, friction in enumerate(frictions)}
             rubs = (n.contact.friction for n in normals)
             place = np.array([n.place for n in normals], dtype=np.int64).reshape(-1, 3)
+            acting = self.acting_rows()
+            normal_ids = [*index, *(JOINT_IDS + acting).tolist()]
+            bounds = [-1 if f is None else number[f.row_id] for f in rubs]
             self._active = ActiveSet(
                 normals,
                 frictions,
-                normal_ids=np.array(list(index), dtype=np.int64),
+                normal_ids=np.array(normal_ids, dtype=np.int64),
                 friction_ids=np.array(list(number), dtype=np.int64),
                 place=place,
-                feature=self.geometry.features(place),
-                friction_of=np.array(
-                    [-1 if f is None else number[f.row_id] for f in rubs], dtype=np.int64
+                feature=np.concatenate(
+                    [self.geometry.features(place), joint_features(self.rows, acting)]
                 ),
+                friction_of=np.array([*bounds, *[JOINT] * acting.size], dtype=np.int64),
                 first=np.array(
                     [index[f.contact.normals[0].row_id] for f in frictions], dtype=np.int64
                 ),
                 mu=np.array([f.contact.mu for f in frictions], dtype=np.float64),
-                lam=np.array([self._lam.get(i, NO_LAM) for i in index]).reshape(-1, 2).T.copy(),
+                lam=np.array([self._lam.get(i, NO_LAM) for i in normal_ids])
+                .reshape(-1, 2)
+                .T.copy(),
+                rows=self.rows.take(acting),
                 layouts={},
             )
             self.candidates.occupy(place)
         return self._active
+
+
+def joint_features(rows: Rows, numbers: Indices) -> Indices:
+    """Rows of `ContactQP.feature` of rows of joints: body, number, other body, −1, −1."""
+    one, other = rows.bodies[numbers].T
+    nothing = np.full(numbers.size, -1)
+    return np.column_stack([one, numbers, other, nothing, nothing])

@@ -31,11 +31,12 @@ convex part touch at one point only, and have one constraint.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from problems.bodies.bodies import GROUND, Body
 from problems.bodies.checks import check_numbers
@@ -114,10 +115,17 @@ class Geometry:
     are numbered as edges, too, behind all edges, for discs that touch them.
 
     contact_tol : (parts,) `CONTACT_TOL` of the shortest edge or radius [m], ∞ of a half plane
+    kept_apart : (·, 2) pairs of bodies that never touch, the lower number first
     """
 
-    def __init__(self, bodies: Sequence[Body], ground: Sequence[HalfPlane]):
+    def __init__(
+        self,
+        bodies: Sequence[Body],
+        ground: Sequence[HalfPlane],
+        kept_apart: Collection[tuple[int, int]] = (),
+    ):
         self.n_bodies = len(bodies)
+        self.kept_apart = np.array(sorted(kept_apart), dtype=np.int64).reshape(-1, 2)
         parts = [(b, polygon) for b, body in enumerate(bodies) for polygon in body.polygons]
         n_parts = len(parts) + len(ground)
         n_edges = max([len(polygon) for _, polygon in parts] + [1])
@@ -304,10 +312,20 @@ class Geometry:
 
     def near_corners(self, pose: Pose, margin: float) -> tuple[Indices, Indices]:
         """Corners and parts (L,), (L,) of different bodies within `margin` of each other."""
-        return near_corners(
+        corner, part = near_corners(
             *(*pose, margin, self.n_moving, self.part_first, self.part_size),
             *(self.part_body, self.edge_normal, self.edge_offset),
         )
+        may = self.may_touch(self.corner_body[corner], self.part_body[part])
+        return corner[may], part[may]
+
+    def may_touch(self, one: Indices, other: Indices) -> NDArray[np.bool_]:
+        """Whether these bodies (L,) and those may, or a joint keeps them apart."""
+        if not self.kept_apart.size:
+            return np.ones(one.size, bool)
+        n = self.n_bodies + 1
+        low, high = np.minimum(one, other), np.maximum(one, other)
+        return ~np.isin(low * n + high, self.kept_apart @ [n, 1])
 
     def near_pairs(self, pose: Pose, margin: float) -> list[tuple[int, int]]:
         """Pairs of parts of different bodies whose boxes come within `margin`, sorted.
@@ -333,7 +351,9 @@ class Geometry:
             depth = corners @ self.edge_normal[plane, 0] - self.edge_offset[plane, 0]
             lowest = np.minimum.reduceat(depth - radius[:, 0], first)
             pairs += [(int(p), plane) for p in np.flatnonzero(lowest <= margin)]
-        return sorted(pairs)
+        one, two = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+        may = self.may_touch(self.part_body[one], self.part_body[two])
+        return sorted(pair for pair, touches in zip(pairs, may, strict=True) if touches)
 
     def overlap(self, pose: Pose, one: int, two: int) -> tuple[float, tuple[int, int, int]]:
         """Depth [m] by which two convex parts overlap, 0 or less where an edge separates them.

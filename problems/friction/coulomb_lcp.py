@@ -29,6 +29,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.linalg import orth
 from scipy.sparse.csgraph import connected_components
 
 from problems.contacts.assembly import Assembly
@@ -61,15 +62,27 @@ def coulomb_multipliers(assembly: Assembly, D: Vector, d: Vector) -> tuple[Vecto
 
     None where there are too many contacts, or rounding has led astray.
     """
-    N, F = assembly.friction_of.size, assembly.mu.size
+    N, F = len(assembly.normals), assembly.mu.size
     columns = sp.csc_array(assembly.scaled(np.arange(N), np.arange(F), D))
-    lam_N, lam_F = np.zeros(N), np.zeros(F)
-    for normals, frictions in _groups(columns, assembly.friction_of, N):
+    if assembly.bilateral.size:
+        columns, d = _without_joints(assembly, columns, D, d)
+    lam_N, lam_F = np.zeros(assembly.count), np.zeros(F)
+    for normals, frictions in _groups(columns, assembly.friction_of[:N], N):
         found = _group_multipliers(assembly, columns, d, normals, frictions)
         if found is None:
             return None
         lam_N[normals], lam_F[frictions] = found
     return lam_N, lam_F
+
+
+def _without_joints(
+    assembly: Assembly, columns: sp.csc_array, D: Vector, d: Vector
+) -> tuple[sp.csc_array, Vector]:
+    """A and d where the motion is left that joints allow: both projected, M-orthogonally."""
+    joined = assembly.scaled(assembly.bilateral, np.arange(0), D)
+    held = orth(sp.csc_array(joined).toarray())
+    left = columns.toarray()
+    return sp.csc_array(left - held @ (held.T @ left)), d - held @ (held.T @ d)
 
 
 def _groups(columns: sp.csc_array, friction_of: Indices, N: int) -> list[tuple[Indices, Indices]]:
@@ -90,7 +103,7 @@ def _group_multipliers(
     N, F = normals.size, frictions.size
     if N + 3 * F > MOST_VARIABLES:
         return None
-    n_normals = assembly.friction_of.size
+    n_normals = len(assembly.normals)
     normal = columns[:, normals].toarray()
     tangent = columns[:, n_normals + frictions].toarray()
     size, wide = np.linalg.norm(normal, axis=0), np.linalg.norm(tangent, axis=0)

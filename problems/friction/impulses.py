@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 import scipy.sparse as sp
 
+from problems.contacts.active_kernels import JOINT
 from problems.contacts.assembly import Assembly
 from problems.friction.newton_coulomb import newton_coulomb_impulse
 from problems.qp import Vector
@@ -34,7 +35,7 @@ def cone_generators(
 ) -> tuple[sp.csr_array, np.ndarray, np.ndarray, np.ndarray]:
     """V (N + F, p) with Λ = V c over [normals, frictions], and per generator its normal, friction
     (or −1) and `direction` as in `ContactQP.feature`.  Returns V, normal, friction, direction."""
-    n_normals, n_frictions = len(assembly.normals), len(assembly.frictions)
+    n_normals, n_frictions = assembly.count, len(assembly.frictions)
     friction_of = assembly.friction_of
     slips = (friction_of >= 0) & (mu_I > 0)
     normal = np.repeat(np.arange(n_normals), np.where(slips, 2, 1))
@@ -71,18 +72,21 @@ def solve_impulse(
     if rule == "newton_coulomb" and mu_I > 0 and assembly.frictions:
         return newton_coulomb_impulse(qps, assembly, D, mu_I, v, F, t, accuracy)
     V, normal, _, direction = cone_generators(assembly, mu_I)
-    every = np.arange(len(assembly.normals)), np.arange(len(assembly.frictions))
+    every = np.arange(assembly.count), np.arange(len(assembly.frictions))
     columns = assembly.scaled(*every, D)
     A = sp.csc_array(columns @ V) if sp.issparse(columns) else columns @ V.toarray()
     feature = assembly.active.feature[normal]
-    feature[:, 4] = direction
+    contacts = assembly.friction_of[normal] != JOINT
+    feature[contacts, 4] = direction[contacts]
     count = V.shape[1]
+    lower, upper = np.zeros(count), np.full(count, np.inf)
+    lower[~contacts], upper[~contacts] = assembly.rows.impulse_bounds()
     identity = mu_I == 0 or not assembly.frictions
     qp, solution = qps.solve(
         A=A,
         d=D * v + F / D,
-        lower=np.zeros(count),
-        upper=np.full(count, np.inf),
+        lower=lower,
+        upper=upper,
         row_id=4 * assembly.normal_ids[normal] + direction,
         feature=feature,
         D=D,

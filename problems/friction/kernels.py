@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from problems.contacts.active_kernels import friction_bounds
+from problems.contacts.active_kernels import JOINT, friction_bounds
 from problems.contacts.geometry_kernels import column_product, column_sum, columns_product
 from problems.kernels.arena import numbers, zeros
 from problems.kernels.compiled import kernel
@@ -95,10 +95,13 @@ def force_change(signs, stuck, bound, new_bound, arena=None):
 
 
 @kernel
-def loaded(lam_N):
-    """Which normals bear a load that is more than rounding (N,)."""
-    most = lam_N.max() if lam_N.size else 0.0
-    return lam_N > AT_BOUND * most
+def loaded(lam_N, friction_of):
+    """Which normals bear a load that is more than rounding, and all rows of joints (N,)."""
+    most = 0.0
+    for i in range(lam_N.size):
+        if friction_of[i] != JOINT:
+            most = max(most, lam_N[i])
+    return (lam_N > AT_BOUND * most) | (friction_of == JOINT)
 
 
 @kernel
@@ -177,15 +180,21 @@ def newton_move(normals, tangents, inverse_mass, friction_of, mu, sigma, inside,
 
 
 @kernel
-def next_multipliers(lam_star, lam_N, y, from_above):
+def next_multipliers(friction_of, lam_star, lam_N, y, from_above):
     """λ_* (N,) ≥ 0 of the next pass: the fixed point λ_N + y, or λ_N where that calls for λ < 0.
 
     One below 0 that λ_N falls towards is a contact without a load; one that it rises from is none,
     and on the way down from ∞ either may be: then none of them is believed.
     """
     found = np.empty_like(lam_N)
-    most = (lam_N + y).max()
+    most = 0.0
     for i in range(lam_N.size):
+        if friction_of[i] != JOINT:
+            most = max(most, lam_N[i] + y[i])
+    for i in range(lam_N.size):
+        if friction_of[i] == JOINT:  # bounds nothing
+            found[i] = 0.0
+            continue
         value = lam_N[i] + y[i]
         if value < -AT_BOUND * most and (from_above or lam_N[i] > lam_star[i]):
             if from_above:
@@ -200,11 +209,13 @@ def small_newton_multipliers(
     normals, tangents, inverse_mass, friction_of, mu, signs, sigma, lam_star, lam_N, from_above
 ):
     """λ_* (N,) of the next pass, see `problems.friction.passes.newton_multipliers`."""
-    free = loaded(lam_N)
+    free = loaded(lam_N, friction_of)
     if not free.any() or not sigma.any() or np.isinf(lam_star).any():
         return lam_N.copy()
     inside = (signs == 0.0) & (sigma == 0.0)
     y, found = newton_move(
         normals, tangents, inverse_mass, friction_of, mu, sigma, inside, free, lam_N - lam_star
     )
-    return next_multipliers(lam_star, lam_N, y, from_above) if found else lam_N.copy()
+    if not found:
+        return lam_N.copy()
+    return next_multipliers(friction_of, lam_star, lam_N, y, from_above)

@@ -26,6 +26,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, eigs, splu
 
+from problems.contacts.active_kernels import JOINT
 from problems.contacts.assembly import Assembly
 from problems.friction.kernels import (
     RIDGE,
@@ -59,12 +60,14 @@ def newton_multipliers(
             *((columns.normal, columns.bodies), assembly.tangents, 1 / D**2),
             *(assembly.friction_of, assembly.mu, signs, sigma, lam_star, lam_N, from_above),
         )
-    free = loaded(lam_N)
+    free = loaded(lam_N, assembly.friction_of)
     if not free.any() or not sigma.any() or np.isinf(lam_star).any():
         return lam_N
     inside = (signs == 0) & (sigma == 0)
     y, found = _sparse_move(assembly, D, sigma, inside, free, lam_N - lam_star)
-    return next_multipliers(lam_star, lam_N, y, from_above) if found else lam_N
+    if not found:
+        return lam_N
+    return next_multipliers(assembly.friction_of, lam_star, lam_N, y, from_above)
 
 
 def _sparse_move(
@@ -95,12 +98,12 @@ def largest_gain(
     """The largest eigenvalue of λ_N'(λ_*), by its real part, and the normal that weighs most in it.
 
     sigma : (F,) as of `forced_signs`;  forced : (F,) whether a friction slides or is at its bound
-    lam_N : (N,); the free normals are those above 0
+    lam_N : (N,); the free normals are those above 0, and rows of joints
 
     Returns −inf where nothing is free and forced, or where the iteration that large sparse problems
     need does not converge.
     """
-    normals = np.flatnonzero(lam_N > 0)
+    normals = np.flatnonzero((lam_N > 0) | (assembly.friction_of == JOINT))
     if normals.size == 0 or not sigma.any():
         return -np.inf, -1
     S = assembly.scaled(normals, np.flatnonzero(np.logical_not(forced)), D)
@@ -116,14 +119,15 @@ def largest_gain(
     except (np.linalg.LinAlgError, RuntimeError):
         return -np.inf, -1
     first = int(np.argmax(values.real))
-    return float(values[first].real), int(normals[np.argmax(np.abs(vectors[:, first]))])
+    weight = np.where(assembly.friction_of[normals] >= 0, np.abs(vectors[:, first]), -1.0)
+    return float(values[first].real), int(normals[np.argmax(weight)])
 
 
 def _forced(assembly: Assembly, sigma: Vector, normals: Indices, D: Vector) -> Matrix:
     """F T E: the friction force that a unit of each of these multipliers brings about."""
-    friction = assembly.friction_of[normals]
-    share = np.where(friction >= 0, (sigma * assembly.mu)[friction], 0.0)
-    columns = assembly.scaled(normals[:0], np.maximum(friction, 0), D)
+    rubs, friction = assembly.friction_of[normals] >= 0, assembly.rubbing[normals]
+    share = np.where(rubs, (sigma * assembly.mu)[friction], 0.0)
+    columns = assembly.scaled(normals[:0], friction, D)
     return columns @ sp.diags_array(share) if sp.issparse(columns) else columns * share
 
 

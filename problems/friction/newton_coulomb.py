@@ -128,6 +128,8 @@ class _Collision:
         hit, arena = self.hit, Arena.of(self.D.size + self.layout.k)
         passes = Passes.of(self.frictions, self.D, asks, arena)
         columns, layout = hit.columns, hit.laid_out(self.layout)
+        joined = self.layout.normal_column[len(hit.normals) :]
+        passes.lower[joined], passes.upper[joined] = hit.rows.impulse_bounds()
         self.passes = passes = passes._replace(
             normals=(columns.normal, columns.bodies), columns=layout, tangents=hit.tangents
         )

@@ -49,8 +49,9 @@ def extrapolated_multipliers(lam, before, known, w, arena=None):
 def spring_loads(now, then, compliance, h, arena=None):
     """λ_* ≥ 0 (N,) of (4.4) from φ (N,) now and where the path would be without contacts [m]."""
     found = numbers(arena, now.size)
-    for i in range(now.size):
-        found[i] = max(0.0, -SPRING / (h * h * compliance[i]) * (then[i] - now[i]))
+    for i in range(now.size):  # those beyond `then` are rows of joints, which bound nothing
+        pressed = -SPRING / (h * h * compliance[i]) * (then[i] - now[i]) if i < then.size else 0.0
+        found[i] = max(0.0, pressed)
     return found
 
 

@@ -38,6 +38,18 @@ WHEELS = {
     "wheel_edge": "problems.scenes.wheels:wheel_edge",
 }
 """Scenes of discs."""
+LINKAGES = {
+    "slider_crank": "problems.scenes.linkages:slider_crank",
+    "double_pendulum": "problems.scenes.linkages:double_pendulum",
+    "skate": "problems.scenes.linkages:skate",
+    "bungee": "problems.scenes.linkages:bungee",
+    "motor": "problems.scenes.linkages:motor",
+    "arm": "problems.scenes.machines:arm",
+    "vehicle": "problems.scenes.machines:vehicle",
+    "human": "problems.scenes.machines:human",
+    "frame": "problems.scenes.machines:frame",
+}
+"""Scenes with joints, and with forces that switch."""
 NETWORKS = {
     "half_wave": "problems.networks.half_wave:half_wave",
     "bridge": "problems.networks.bridge:bridge",
@@ -60,6 +72,7 @@ BY_KIND = {
     "falling": FALLING,
     "studies": STUDIES,
     "wheels": WHEELS,
+    "linkages": LINKAGES,
     "networks": NETWORKS,
     "cases": CASES,
 }

@@ -13,6 +13,7 @@ from problems.bodies.bodies import GROUND, Body
 from problems.bodies.checks import check_body
 from problems.bodies.forces import Force, Gravity, Impulse
 from problems.contacts.geometry import HalfPlane
+from problems.joints.joints import Joint
 from problems.qp import Vector
 from problems.short import Short
 
@@ -53,6 +54,7 @@ class Scene(Short):
     bodies : the bodies, numbered from 1 in everything that people read
     q0, v0 : (n, 3) initial positions and velocities [m, m, rad], per second
     ground : half planes that do not move
+    joints : what connects bodies, see `problems.joints.joints`
     forces : beside gravity;  impulses : external, at given times
     mu : friction coefficient;  mu_pairs : of particular pairs (body numbers from 1, 0 the ground)
     mu_I : impulse friction coefficient, of contacts with mu > 0 (§5);  gravity : [m/s²]
@@ -68,6 +70,7 @@ class Scene(Short):
     q0: Vector
     v0: Vector
     ground: tuple[HalfPlane, ...] = (HalfPlane(),)
+    joints: tuple[Joint, ...] = ()
     forces: tuple[Force, ...] = ()
     impulses: tuple[Impulse, ...] = ()
     mu: float = 0.0
@@ -95,6 +98,10 @@ class Scene(Short):
             object.__setattr__(self, name, value)
         for acting in (*self.forces, *self.impulses):
             check_body(type(acting).__name__, getattr(acting, "body", 0), n)
+        for joint in self.joints:
+            for body in (joint.body, joint.other):
+                if body != GROUND:
+                    check_body(type(joint).__name__, body, n)
         if self.eps is None:
             object.__setattr__(self, "eps", default_eps(self.bodies))
         for name in ("mu", "mu_I", "gravity", "eps", "end_time"):

@@ -39,6 +39,7 @@ from problems.stepping.records import (
     Settings,
     State,
     Steps,
+    Stops,
 )
 from problems.stepping.run import Stretch
 from problems.stepping.steps import take_steps
@@ -90,6 +91,7 @@ class Driver:
             corrects=options.friction == "corrected",
             depends=system.velocity_dependent,
             supplied=bool(system.varying) or options.drift == "baumgarte",
+            switches=bool(system.switches),
         )
         self._end = 0.0
         self._run: Steps
@@ -221,6 +223,8 @@ class Driver:
             gaps=self._gaps,
             multipliers=self._multipliers[: MOST * rows].reshape(MOST, rows),
             scratch=self._scratch,
+            rows=active.rows,
+            stops=Stops.of(graph.rows.take(graph.waiting_stops())),
         )
 
     def cut(self, h: float, places: Places) -> None:
@@ -258,7 +262,10 @@ class Driver:
             self._arena = Arena.of(2 * size)
         if asks not in layout.room:
             ends = Ends.of(D.size, active.normal_ids.size, signs.size)
-            layout.room[asks] = Passes.of(frictions, D, asks, self._arena), ends
+            passes = Passes.of(frictions, D, asks, self._arena)
+            joined = layout.normal_column[len(active.normals) :]
+            passes.lower[joined], passes.upper[joined] = active.rows.lower, active.rows.upper
+            layout.room[asks] = passes, ends
         passes, ends = layout.room[asks]
         return passes._replace(frictions=frictions, arena=self._arena), ends
 
@@ -279,7 +286,7 @@ class Driver:
                 assembly = self._assembly()
                 layout = self._active.layout(self.signs)
                 A = scaled_matrix(*assembly.laid_out(layout), system.D)
-                every = np.arange(len(assembly.normals))
+                every = np.arange(assembly.count)
                 u = closing_motion(assembly, A, system.D, layout.normal_column, every)
                 passes.lean[:] = u / system.drift_time
         passes.forces[:] = system.force(ends.q, passes.guess, t)

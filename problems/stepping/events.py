@@ -25,6 +25,7 @@ from problems.contacts.geometry_kernels import column_speeds
 from problems.contacts.path_kernels import END_SLACK, beyond_edge, ends_inside, miss, ways
 from problems.formulas.multistep import SHORTEST_STEP
 from problems.formulas.step_kernels import FAR_TOO_DEEP, next_overlap
+from problems.joints.row_kernels import Rows, rows_at
 from problems.qp import Vector
 
 SAME_TIME = 1e-9
@@ -69,6 +70,7 @@ class Ahead(NamedTuple):
     hits, losses : the collisions and losses of support there, none where nothing is met
     handed_over : {row_id: (corner, part, edge)} of the constraints that another corner carries then
     too_deep : {(part, part): overlap [m]} of pairs that overlap as they never should
+    stops, switches : numbers of the rows of joints that are reached, and of the forces that switch
     """
 
     h: float
@@ -76,19 +78,29 @@ class Ahead(NamedTuple):
     losses: list[SlideOff]
     handed_over: dict[int, tuple[int, int, int]]
     too_deep: dict[tuple[int, int], float]
+    stops: list[int]
+    switches: list[int]
 
     @property
     def stands(self) -> bool:
         """Whether it is met at t_{n−1} itself."""
-        return bool(self.hits or self.losses) and self.h < SHORTEST_STEP
+        met = self.hits or self.losses or self.stops or self.switches
+        return bool(met) and self.h < SHORTEST_STEP
+
+
+Crossings = list[tuple[float, int]]
+"""(h [s], number) of what changes its sign on a path."""
+NO_CROSSINGS: Crossings = []
 
 
 class May(NamedTuple):
-    """What may be met on a path: a corner hits a part, parts overlap, a corner leaves its edge."""
+    """What may be met on a path: a corner hits a part, parts overlap, a corner leaves its edge, a
+    stop is reached."""
 
     hits: bool = True
     overlaps: bool = True
     ends: bool = True
+    stops: bool = True
 
 
 ANYTHING = May()
@@ -101,11 +113,32 @@ def look_ahead(
     slowest: float,
     allowed: float = np.inf,
     may: May = ANYTHING,
+    switches: Crossings = NO_CROSSINGS,
 ) -> Ahead:
     """What is met first on a path to h.
 
-    allowed : overlap that drift may leave [m]
+    allowed : overlap that drift may leave [m];  switches : those of forces on it
     """
+    met, stops, forces = h, list[int](), list[int]()
+    if switches or may.stops:
+        reached = stop_crossings(graph, path, h) if may.stops else NO_CROSSINGS
+        met = min([h, *(where for where, _ in (*reached, *switches))])
+        stops, forces = (
+            [number for where, number in crossings if where <= met + SAME_TIME]
+            for crossings in (reached, switches)
+        )
+        if (stops or forces) and met < SHORTEST_STEP:
+            return Ahead(0.0, [], [], {}, {}, stops, forces)
+    ahead = contacts_ahead(graph, path, met, slowest, allowed, may)
+    if ahead.h < met - SAME_TIME:
+        return ahead
+    return ahead._replace(stops=stops, switches=forces)
+
+
+def contacts_ahead(
+    graph: ConstraintGraph, path: Path, h: float, slowest: float, allowed: float, may: May
+) -> Ahead:
+    """What bodies meet first on a path to h."""
     geometry, near = graph.geometry, graph.candidates
     near.cover(path.start, path(h), graph.active_set().place)
     pose = geometry.pose(path(h))
@@ -116,7 +149,7 @@ def look_ahead(
         late, too_deep = late_hits(graph, path, h, pose, slowest, allowed)
         hits += late
     if not (hits or losses):
-        return Ahead(h, [], [], handed_over, too_deep)
+        return Ahead(h, [], [], handed_over, too_deep, [], [])
     first = min([*(hit.h for hit in hits), *(loss.h for loss in losses)])
     hits = [hit for hit in hits if hit.h <= first + SAME_TIME]
     losses = [loss for loss in losses if loss.h <= first + SAME_TIME]
@@ -124,7 +157,33 @@ def look_ahead(
         pose = geometry.pose(path(first))
         handed_over, _ = edge_ends(graph, path, first, pose)
         _, too_deep = late_hits(graph, path, first, pose, np.inf, allowed)
-    return Ahead(min(first, h), hits, losses, handed_over, too_deep)
+    return Ahead(min(first, h), hits, losses, handed_over, too_deep, [], [])
+
+
+def stop_crossings(graph: ConstraintGraph, path: Path, h: float) -> Crossings:
+    """Where on a path to h stops are reached that are not active, and their numbers."""
+    waiting = graph.waiting_stops()
+    before, after = (rows_at(graph.rows.take(waiting), path(step))[0] for step in (0.0, h))
+    found: Crossings = []
+    for i in np.flatnonzero(ends_inside(before, after)):
+        row = graph.rows.take(waiting[i : i + 1])
+
+        def gap(step: float, row: Rows = row) -> float:
+            return float(rows_at(row, path(step))[0][0])
+
+        ends = float(before[i]), float(after[i])
+        found.append((locate_zero(gap, h, *ends) if ends[0] > 0 else 0.0, int(waiting[i])))
+    return found
+
+
+def touching_stops(graph: ConstraintGraph, q: Vector, v: Vector, slowest: float) -> list[int]:
+    """Numbers of the stops that are not active, touch at q and approach with q̇ = v."""
+    waiting = graph.waiting_stops()
+    if waiting.size == 0:
+        return []
+    phi, entries, bodies = rows_at(graph.rows.take(waiting), q)
+    there = (phi <= TOUCH_TOL) & (column_speeds(entries, bodies, v) < -slowest)
+    return [int(row) for row in waiting[there]]
 
 
 def locate_zero(function: Callable[[float], float], h: float, f0: float, f1: float) -> float:

@@ -79,8 +79,7 @@ class GainWatch:
         together = largest_gain(step.assembly, self._D, sigma, step.at_bound, step.lam_N)
         if own.size == 0:
             return together
-        unloaded = np.where(
-            step.assembly.bound(step.lam_N)[step.assembly.friction_of] > 0, 0.0, own
-        )
+        bound = step.assembly.bound(step.lam_N)[step.assembly.rubbing]
+        unloaded = np.where(bound > 0, 0.0, own)
         alone = int(np.argmax(unloaded))
         return max(together, (float(unloaded[alone]), alone))

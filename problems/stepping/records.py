@@ -14,6 +14,7 @@ from problems.contacts.active_kernels import Contacts
 from problems.contacts.dips import MAX_HALVINGS
 from problems.contacts.geometry import Shapes
 from problems.friction.passes import GUESS, Passes
+from problems.joints.row_kernels import Rows
 from problems.qp import Indices, Vector
 
 MOST = 256
@@ -48,6 +49,7 @@ class Settings(NamedTuple):
     highest : r of AB-r and BDF-r;  cuts : whether steps are cut where friction stops
     corrects : whether λ_* is corrected;  depends : whether forces depend on q̇
     supplied : whether forces, or what is added to q̇, have to be asked for at each trial
+    switches : whether forces begin and end with functions of the state
     """
 
     eps: float
@@ -62,6 +64,7 @@ class Settings(NamedTuple):
     corrects: bool
     depends: bool
     supplied: bool
+    switches: bool
 
 
 CLOCK = np.dtype([(name, np.float64) for name in ("time", "h", "wish", "until")], align=True)
@@ -87,7 +90,7 @@ TRIAL = np.dtype(
     [
         *((name, np.float64) for name in ("t", "h", "wish", "w", "longest", "cut", "looked")),
         *((name, np.int64) for name in ("stage", "order", "tries", "redone", "located")),
-        *((name, np.int64) for name in ("hits", "overlaps", "ends", "stuck", "asks")),
+        *((name, np.int64) for name in ("hits", "overlaps", "ends", "stops", "stuck", "asks")),
     ],
     align=True,
 )
@@ -99,6 +102,7 @@ looked : h up to which the stepper has looked what is met, 0 where it has not
 stage : see `LOOK_BACK`;  tries : trials;  redone, located : those whose error was too large, and
 those in which friction stops
 hits, overlaps, ends : whether a corner may hit a part, parts overlap, a corner leave its edge
+stops : whether a stop is passed
 stuck : whether λ_* begins with ∞, as if every contact in J_FO stuck whatever its load
 asks : whether QPs are asked for
 """
@@ -155,6 +159,21 @@ class Ends(NamedTuple):
         )
 
 
+class Stops(NamedTuple):
+    """Rows of joints that act only at φ = 0 and are not there; φ (S,) at the ends of a step."""
+
+    rows: Rows
+    before: Vector
+    after: Vector
+    columns: tuple[Vector, Indices]
+
+    @classmethod
+    def of(cls, rows: Rows) -> Stops:
+        """Room for these."""
+        S = rows.kind.size
+        return cls(rows, np.zeros(S), np.zeros(S), (np.zeros((S, 6)), np.zeros((S, 2), np.int64)))
+
+
 class Scratch(NamedTuple):
     """That of `first_dip`."""
 
@@ -178,6 +197,7 @@ class Steps(NamedTuple):
     track : (MOST, 1 + 6n) t, q, q̇ of every step;  gaps : (MOST,) min φ [m]
     multipliers : (MOST, N + F) λ_N and λ_F
     scratch : room for what is made on the way
+    rows : of joints that act, the last of the N normals;  stops : those that do not
     """
 
     shapes: Shapes
@@ -194,3 +214,5 @@ class Steps(NamedTuple):
     gaps: Vector
     multipliers: Vector
     scratch: Scratch
+    rows: Rows
+    stops: Stops

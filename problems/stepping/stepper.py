@@ -50,11 +50,10 @@ from problems.stepping.events import (
     SAME_TIME,
     TOUCH_TOL,
     Ahead,
-    Hit,
     May,
-    SlideOff,
     look_ahead,
     touching,
+    touching_stops,
 )
 from problems.stepping.options import StepperOptions
 from problems.stepping.records import AGAIN, GIVES_UP, HELD, LOOK, MEETS, STANDS
@@ -64,7 +63,7 @@ from problems.stepping.system import System
 from problems.stepping.transitions import Transitions
 from problems.stepping.velocity import VelocityStep
 
-NOTHING_AHEAD = Ahead(np.inf, [], [], {}, {})
+NOTHING_AHEAD = Ahead(np.inf, [], [], {}, {}, [], [])
 JAM_TRIALS = 2
 """Trials of a step in which the friction passes may fail to settle before contacts jam."""
 JAM_STEP = 1e-4
@@ -148,10 +147,14 @@ class Stepper:
         system.graph.candidates.take_as_touching(system.q, TOUCH_TOL)
         for hit in touching(system.graph, system.q, system.history.v, -np.inf):
             system.graph.insert(pose, hit.corner, hit.part, hit.edge)
+        for row in touching_stops(system.graph, system.q, system.history.v, -np.inf):
+            system.graph.set_stop(row, True)
         system.record()
         F, assembly = system.external_impulse(0.0), system.assembly()
         gap_speed = assembly.gap_speed(system.history.v)
-        if (gap_speed < -system.slowest_approach).any() or F.any():
+        parting = np.abs(gap_speed[assembly.held]).max(initial=0.0)
+        violated = max(parting, -gap_speed.min(initial=0.0)) > system.slowest_approach
+        if violated or F.any():
             self.transitions.impulse([], F)
         else:
             self.transitions.drop_separating(assembly, gap_speed)
@@ -206,7 +209,7 @@ class Stepper:
             if ended == MEETS:
                 ahead = self._look_ahead()
                 if ahead.stands:
-                    self.transitions.standing_event(ahead.hits, ahead.losses)
+                    self.transitions.standing_event(ahead)
                     return
             elif ended == UNSETTLED:
                 ahead, unsettled = NOTHING_AHEAD, unsettled + 1
@@ -250,8 +253,9 @@ class Stepper:
         """Step 3 as far as it concerns positions: h of the trial ends where something is met."""
         system, driver, trial = self.system, self._driver, self._driver.trial
         limits = system.slowest_approach, system.allowed_overlap
-        may = May(*(bool(trial[name]) for name in May._fields))
-        ahead = look_ahead(system.graph, driver.path, float(trial["h"]), *limits, may)
+        may, h = May(*(bool(trial[name]) for name in May._fields)), float(trial["h"])
+        switches = system.switches.crossings(driver.path, system.t, h)
+        ahead = look_ahead(system.graph, driver.path, h, *limits, may, switches)
         if not ahead.stands:
             driver.cut(ahead.h, ahead.handed_over)
         return ahead
@@ -295,30 +299,27 @@ class Stepper:
         ends = np.flatnonzero(held | (lengths <= step.h))
         stopped = [step.assembly.frictions[j] for j in ends]
         stopped = [friction for friction in stopped if friction.sign != 0]
-        self._after_step(step, ahead.hits, ahead.losses, stopped)
+        self._after_step(step, ahead, stopped)
         self._watch_rest()
 
-    def _after_step(
-        self,
-        step: VelocityStep,
-        hits: list[Hit],
-        losses: list[SlideOff],
-        stopped: list[Friction],
-    ) -> None:
+    def _after_step(self, step: VelocityStep, ahead: Ahead, stopped: list[Friction]) -> None:
         """Steps 3 and 4, at the end of an accepted step."""
-        hits = [hit for hit in hits if hit.h <= step.h + SAME_TIME]
-        losses = [loss for loss in losses if loss.h <= step.h + SAME_TIME]
+        hits = [hit for hit in ahead.hits if hit.h <= step.h + SAME_TIME]
+        losses = [loss for loss in ahead.losses if loss.h <= step.h + SAME_TIME]
+        there = ahead.h <= step.h + SAME_TIME
+        stops, switches = (ahead.stops, ahead.switches) if there else ([], [])
         F = self.system.external_impulse(self.system.t)
         if stopped:
             self.transitions.stick(stopped)
+        self.transitions.switch(switches)
         hits += self.transitions.slide_off(losses)
-        if hits or F.any():
-            self.transitions.impulse(hits, F)
+        if hits or stops or F.any():
+            self.transitions.impulse(hits, F, stops)
             return
         if any(abs(time - self.system.t) <= SHORTEST_STEP for time in self.system.jumps):
             self.system.log("force_jump", "")
             self.transitions.restart(1)
-        if stopped or losses:
+        if stopped or losses or switches:
             return
         self.transitions.drop_separating(step.assembly, step.gap_speed)
         for j in np.flatnonzero(self.transitions.slides(step)):

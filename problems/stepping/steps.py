@@ -37,6 +37,7 @@ from problems.contacts.geometry_kernels import (
 from problems.contacts.path_kernels import (
     beyond_edge,
     contact_tolerance,
+    ends_inside,
     enters,
     largest_motion,
     miss,
@@ -70,6 +71,7 @@ from problems.friction.passes import (
     fixed_point,
 )
 from problems.friction.rules import extrapolated_multipliers, spring_loads
+from problems.joints.row_kernels import joint_rows
 from problems.kernels.compiled import kernel, stage
 from problems.kernels.numba_internals import lent
 from problems.stepping.records import (
@@ -122,8 +124,8 @@ def note_clearances(run, pose, into):
 
 
 @stage
-def note_columns(run, pose, phi):
-    """Those of the contacts at a pose, and of their frictions."""
+def note_columns(run, q, pose, phi):
+    """Those of the contacts at q and its pose, of their frictions and of joints."""
     shapes, ends, passes = run.shapes, run.ends, run.passes
     (g_N, bodies), (g_F, rubbing) = passes.normals, passes.tangents
     contact_columns(
@@ -134,6 +136,13 @@ def note_columns(run, pose, phi):
         (phi, g_N, ends.tangent, bodies, ends.along, ends.length),
     )
     rows_of(ends.tangent, bodies, run.contacts.first, g_F, rubbing)
+    joint_rows(q, run.rows, run.contacts.place.shape[0], phi, g_N, bodies)
+
+
+@stage
+def note_stops(run, q, phi):
+    """φ (S,) of the stops that are not reached."""
+    joint_rows(q, run.stops.rows, 0, phi, run.stops.columns[0], run.stops.columns[1])
 
 
 @stage
@@ -142,7 +151,8 @@ def look_back(run):
     signs, slip = run.contacts.signs, run.ends.slip
     pose = pose_of(run, run.state.q)
     note_clearances(run, pose, run.near.before)
-    note_columns(run, pose, run.ends.phi)
+    note_columns(run, run.state.q, pose, run.ends.phi)
+    note_stops(run, run.state.q, run.stops.before)
     slip[:] = column_speeds(*run.passes.tangents, run.state.v, run.passes.arena)
     for j in range(slip.size):
         if signs[j] != 0.0 and slip[j] != 0.0:
@@ -244,6 +254,15 @@ def leaves_edge(ends):
 
 
 @stage
+def passes_stop(stops):
+    """Step 3: whether a stop is passed by the end of the step."""
+    passed = False
+    for i in range(stops.after.size):
+        passed |= ends_inside(stops.before[i], stops.after[i])
+    return passed
+
+
+@stage
 def begin(run):
     """Steps 1 and 3 of a trial; why the stepper is needed before it can go on, or `GOES_ON`."""
     trial, tally, ends, shapes = run.trial[0], run.tally[0], run.ends, run.shapes
@@ -252,7 +271,7 @@ def begin(run):
         return GIVES_UP
     note_span(run)
     looked = trial.looked > 0.0
-    trial.hits = trial.overlaps = trial.ends = 1
+    trial.hits = trial.overlaps = trial.ends = trial.stops = 1
     if looked and trial.h != trial.looked:
         return MEETS
     moved = largest_motion(run.near.listed_at, ends.q, shapes.radius)
@@ -260,13 +279,16 @@ def begin(run):
         return AGAIN if tally.taken > 0 else MEETS
     pose = pose_of(run, ends.q)
     note_clearances(run, pose, run.near.after)
-    note_columns(run, pose, ends.phi_after)
+    note_columns(run, ends.q, pose, ends.phi_after)
+    note_stops(run, ends.q, run.stops.after)
     if looked:
         return GOES_ON
     trial.hits = 1 if may_hit(run, pose) else 0
     trial.overlaps = 1 if overlaps(run, pose) else 0
     trial.ends = 1 if leaves_edge(ends) else 0
-    return MEETS if trial.hits + trial.overlaps + trial.ends > 0 else GOES_ON
+    trial.stops = 1 if passes_stop(run.stops) else 0
+    meets = trial.hits + trial.overlaps + trial.ends + trial.stops > 0
+    return MEETS if meets or run.settings.switches else GOES_ON
 
 
 @stage
@@ -410,7 +432,9 @@ def accept(run):
         contacts.lam_before[j], contacts.lam[j] = contacts.lam[j], passes.lam_N[j]
         run.multipliers[n, j] = passes.lam_N[j]
         ends.phi[j] = ends.phi_after[j]
+    for j in range(contacts.place.shape[0]):
         run.gaps[n] = min(run.gaps[n], ends.phi[j])
+    run.stops.before[:] = run.stops.after
     for j in range(F):
         run.multipliers[n, N + j] = passes.lam_F[j]
         ends.slip[j] = ends.slip_after[j]
@@ -443,10 +467,13 @@ def calm(run):
             return False
     speed = column_speeds(*passes.normals, passes.v, passes.arena)
     place, tol, part = run.contacts.place, run.shapes.contact_tol, run.shapes.corner_part
-    for j in range(speed.size):
+    for j in range(place.shape[0]):
         wide = contact_tolerance(tol, part, place[j, 0], place[j, 1])
         leaves = separates(ends.phi[j], speed[j], settings.drop_tol, wide)
         if leaves or speed[j] < -APPROACHING * settings.eps:
+            return False
+    for i in range(run.rows.stop.size):
+        if run.rows.stop[i] > 0 and speed[place.shape[0] + i] > settings.drop_tol:
             return False
     return fastest_body(passes.D, passes.v) > settings.rest_speed
 

@@ -13,10 +13,12 @@ import numpy as np
 
 from problems.bodies.bodies import mass_diagonal
 from problems.bodies.forces import Force
+from problems.contacts.active_kernels import JOINT
 from problems.contacts.assembly import Assembly
 from problems.contacts.constraint_graph import ConstraintGraph, Contact, Normal
 from problems.contacts.geometry import Geometry, Pose, Shapes
 from problems.formulas.multistep import SHORTEST_STEP, History
+from problems.joints.joints import all_rows, kept_apart
 from problems.qp import Vector
 from problems.scenes import Scene
 from problems.sequence import QPSequence, SimulationError, SolvesQPs
@@ -25,6 +27,7 @@ from problems.stepping.events import DRIFT_ALLOWED, LEAST_ALLOWED
 from problems.stepping.gain import GainWatch
 from problems.stepping.options import StepperOptions
 from problems.stepping.run import Event, Run, Stretch
+from problems.stepping.switches import Switches
 from problems.stepping.velocity import VelocityStep
 
 MAX_CRAWL, CRAWLING = 20_000, 2e-8
@@ -46,9 +49,13 @@ class System:
         self.scene, self.options = scene, options
         self.D = np.sqrt(mass_diagonal(scene.bodies))
         self.D.setflags(write=False)
-        self.graph = ConstraintGraph(Geometry(scene.bodies, scene.ground), scene.mu_between)
+        rows = all_rows(scene.joints, scene.q0.ravel())
+        geometry = Geometry(scene.bodies, scene.ground, kept_apart(scene.joints))
+        self.graph = ConstraintGraph(geometry, scene.mu_between, rows)
         self.qps = QPSequence(solver, keep_qps)
         forces = scene.all_forces()
+        self.switches = Switches(forces, scene.q0.ravel(), scene.v0.ravel())
+        forces = self.switches.held
         self._steady: list[Force] = []
         self.varying: list[Force] = []
         for force in forces:
@@ -176,18 +183,29 @@ class System:
             return f"{own} on {two}"
         return f"{own} on edge {geometry.first_edge[part] + edge} of {two}"
 
+    def joint_name(self, row: int) -> str:
+        """A row of a joint, by its number, as people read it."""
+        one, two = (self.body_name(int(body)) for body in self.graph.rows.bodies[row])
+        return f"{'the stop' if self.graph.rows.stop[row] else 'a joint'} of {one} and {two}"
+
+    def normal_name(self, assembly: Assembly, number: int) -> str:
+        """A contact, or a row of a joint, by its number in an assembly."""
+        if number < len(assembly.normals):
+            return self.place_name(assembly.places[number])
+        return self.joint_name(int(assembly.active.feature[number, 1]))
+
     def contact_name(self, contact: Contact) -> str:
         names = [self.body_name(int(self.graph.geometry.part_body[p])) for p in contact.pair]
         return f"{names[0]} and {names[1]}"
 
     def project(self, step: VelocityStep) -> None:
-        """Close the gaps of the contacts that bear a load, where the last step has ended."""
+        """Close the gaps of joints, and of contacts that bear a load, where the step has ended."""
         assembly = step.assembly
-        loaded = np.flatnonzero(step.lam_N > 0)
+        loaded = np.flatnonzero((step.lam_N > 0) | (assembly.friction_of == JOINT))
         sticking = np.flatnonzero([friction.sign == 0 for friction in assembly.frictions])
         A = assembly.scaled(loaded, sticking, self.D)
         self.q = self.q + closing_motion(assembly, A, self.D, np.arange(loaded.size), loaded)
-        gap = self.assembly().columns.phi.min(initial=inf)
+        gap = self.assembly().columns.phi[assembly.touching].min(initial=inf)
         self.stretches[-1] = self.stretches[-1]._replace(q=self.q[None], gaps=np.array([gap]))
 
 

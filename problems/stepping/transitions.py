@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import final
 
 import numpy as np
@@ -14,7 +15,16 @@ from problems.formulas.step_kernels import APPROACHING, OPENING, separates
 from problems.friction.impulses import solve_impulse
 from problems.qp import Vector
 from problems.sequence import SimulationError
-from problems.stepping.events import TOUCH_TOL, Hit, SlideOff, approach_speed, successor, touching
+from problems.stepping.events import (
+    TOUCH_TOL,
+    Ahead,
+    Hit,
+    SlideOff,
+    approach_speed,
+    successor,
+    touching,
+    touching_stops,
+)
 from problems.stepping.system import System
 from problems.stepping.velocity import VelocityStep
 
@@ -38,12 +48,20 @@ class Transitions:
         """A step has been taken: events before it do not count any more."""
         self._standstill = 0
 
-    def standing_event(self, hits: list[Hit], losses: list[SlideOff]) -> None:
+    def standing_event(self, ahead: Ahead) -> None:
         """Events at t_{n−1} itself."""
         self.count_standstill()
-        hits += self.slide_off(losses)
-        if hits:
-            self.impulse(hits, np.zeros_like(self.system.q))
+        self.switch(ahead.switches)
+        hits = ahead.hits + self.slide_off(ahead.losses)
+        if hits or ahead.stops:
+            self.impulse(hits, np.zeros_like(self.system.q), ahead.stops)
+
+    def switch(self, numbers: list[int]) -> None:
+        """Forces whose function of the state is 0 here act from now on, or cease to: q̈ jumps."""
+        for number in numbers:
+            self.system.log("force_jump", self.system.switches.flip(number))
+        if numbers:
+            self.restart(1)
 
     def count_standstill(self) -> None:
         self._standstill += 1
@@ -53,10 +71,12 @@ class Transitions:
                 "on; try another eps or drop_tol"
             )
 
-    def impulse(self, hits: list[Hit], F: Vector) -> None:
+    def impulse(self, hits: list[Hit], F: Vector, stops: Sequence[int] = ()) -> None:
         """Impulse of (2.13), (2.14) on J_N(t_* + 0); then drop what separates (§3.3).
 
         Corners that touch and approach with the new velocity join, and it is solved again.
+
+        stops : numbers of the rows of joints that are reached
         """
         pose = self.system.pose()
         v_before = self.system.history.v
@@ -69,6 +89,9 @@ class Transitions:
             for hit in hits
             if self.graph.insert(pose, *hit.place) is not None
         ]
+        for row in stops:
+            self.graph.set_stop(row, True)
+            inserted.append(self.system.joint_name(row))
         self._join_touching(v_before)
         while True:
             assembly = self.system.assembly()
@@ -90,7 +113,7 @@ class Transitions:
     def _after_impulse(self, assembly: Assembly, v: Vector, F: Vector) -> Vector:
         """q̇₊ (3n,) from q̇₋ = v."""
         system = self.system
-        if not assembly.normals:
+        if not assembly.count:
             return v + F / system.D**2
         model = system.scene.mu_I, v, F, system.t, system.options.impulses
         return solve_impulse(system.qps, assembly, system.D, *model)[0]
@@ -112,13 +135,17 @@ class Transitions:
                 self.system.log("overlap", f"{names[0]} and {names[1]}: {depth:.3g} m")
 
     def _join_touching(self, v: Vector) -> bool:
-        """Insert inactive corners that touch and approach with velocity v; whether any did."""
+        """Insert inactive corners and stops that touch and approach with velocity v; whether any
+        did."""
         pose = self.system.pose()
         joined = [
             self.graph.insert(pose, *hit.place)
             for hit in touching(self.graph, self.system.q, v, self.system.slowest_approach)
         ]
-        return any(normal is not None for normal in joined)
+        stops = touching_stops(self.graph, self.system.q, v, self.system.slowest_approach)
+        for row in stops:
+            self.graph.set_stop(row, True)
+        return bool(stops) or any(normal is not None for normal in joined)
 
     def restart(self, lam_known: int) -> None:
         """Two first-order steps follow; λ is known at that many time points."""
@@ -206,8 +233,14 @@ class Transitions:
         interior-point method's is never exactly 0.
         """
         wide = self.graph.geometry.tolerances(assembly.place)
-        gap, threshold = assembly.columns.phi, self.system.options.drop_tol
-        self._drop(assembly, separates(gap, speed, threshold, wide))
+        phi, threshold = assembly.columns.phi, self.system.options.drop_tol
+        touching = assembly.touching
+        self._drop(assembly, separates(phi[touching], speed[touching], threshold, wide))
+        for i in assembly.at_stop:
+            if separates(phi[i], speed[i], threshold, np.inf):
+                row = int(assembly.active.feature[i, 1])
+                self.system.log("drop", self.system.joint_name(row))
+                self.graph.set_stop(row, False)
 
     def _drop_opened(self) -> None:
         """Contacts that open, be it slower than `drop_tol`, and are open already leave J_N.
@@ -218,10 +251,10 @@ class Transitions:
         assembly, slow = self.system.assembly(), self.system.options.drop_tol
         opens = assembly.gap_speed(self.system.history.v) > OPENING * slow
         is_open = assembly.columns.phi > max(TOUCH_TOL, OPEN_FOR * slow)
-        self._drop(assembly, opens & is_open)
+        self._drop(assembly, (opens & is_open)[assembly.touching])
 
     def _drop(self, assembly: Assembly, leaving: NDArray[np.bool_]) -> None:
-        """These normals (N,) leave J_N, unless a tip has passed them."""
+        """These contacts (C,) leave J_N, unless a tip has passed them."""
         if not leaving.any():
             return
         geometry, pose = self.graph.geometry, self.system.pose()
@@ -246,16 +279,21 @@ class Transitions:
             friction.sign = 0 if abs(speed) <= self.system.options.eps else -int(np.sign(speed))
 
     def check_constraints(self, assembly: Assembly, speed: Vector) -> None:
-        """g_Nᵀq̇ ≥ 0 must hold at the start of a step, to the accuracy of the QP.
+        """g_Nᵀq̇ ≥ 0 must hold at the start of a step, and = 0 of a joint that does not yield, as
+        exactly as the QP.
 
-        Baumgarte's stabilization closes gaps φ > 0 at φ/τ.
+        Baumgarte's stabilization closes gaps φ > 0 at φ/τ, and those of joints from both sides.
         """
         if not speed.size:
             return
-        speed = speed + np.maximum(assembly.columns.phi, 0.0) / self.system.drift_time
-        if speed.min() < -APPROACHING * self.system.options.eps:
-            i = int(np.argmin(speed))
+        lean = assembly.columns.phi / self.system.drift_time
+        closing = speed + np.maximum(lean, 0.0)
+        held = assembly.held
+        closing[held] = -np.abs(speed[held] + lean[held])
+        closing[assembly.yielding] = 0.0
+        if closing.min() < -APPROACHING * self.system.options.eps:
+            i = int(np.argmin(closing))
             raise SimulationError(
-                f"t = {self.system.t:.6g}: {self.system.place_name(assembly.places[i])} approaches "
-                f"at {-speed[i]:.3g} m/s although it is active; the solver's answer was wrong"
+                f"t = {self.system.t:.6g}: {self.system.normal_name(assembly, i)} approaches "
+                f"at {-closing[i]:.3g} m/s although it is active; the solver's answer was wrong"
             )

@@ -1,11 +1,11 @@
-"""Columns of a QP and contacts that leave, in arrays, equal what the constraint graph says."""
+"""Columns of a QP are in the order of row_id."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from problems.contacts.active_kernels import Contacts, qp_columns, without
+from problems.contacts.active_kernels import Contacts, qp_columns
 
 
 def some_contacts(seed: int) -> Contacts:
@@ -54,28 +54,3 @@ def test_columns_are_in_the_order_of_row_id(seed):
     np.testing.assert_array_equal(row_id[normal_column], ids)
     np.testing.assert_array_equal(sticking, sticks)
     np.testing.assert_array_equal(row_id[sticking_column], rubs[sticks])
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_frictions_leave_with_the_last_of_their_normals(seed):
-    contacts = some_contacts(seed)
-    leaving = np.random.default_rng(seed + 100).random(contacts.normal_ids.size) < 0.5
-    left = without(contacts, leaving)
-    for name in ("place", "normal_ids", "lam", "lam_before"):
-        np.testing.assert_array_equal(getattr(left, name), getattr(contacts, name)[~leaving])
-    owner = contacts.friction_of[~leaving]
-    there = np.unique(owner[owner >= 0])
-    for name in ("friction_ids", "mu", "signs"):
-        np.testing.assert_array_equal(getattr(left, name), getattr(contacts, name)[there])
-    names = [*left.friction_ids.tolist(), None]
-    assert [names[j] for j in left.friction_of] == [
-        None if j < 0 else contacts.friction_ids[j] for j in owner
-    ]
-    np.testing.assert_array_equal(left.first, [list(owner).index(j) for j in there])
-
-
-def test_nothing_is_left_where_all_leave():
-    contacts = some_contacts(0)
-    left = without(contacts, np.ones(contacts.normal_ids.size, bool))
-    assert [array.shape[0] for array in left] == [0] * 9
-    assert [array.size for array in qp_columns(left.normal_ids, *left[5:7], left.signs)] == [0] * 6

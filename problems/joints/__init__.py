@@ -1,0 +1,1 @@
+"""Constraints that stay: pins, rods, guides, welds, gears, blades, and stops that limit them."""
