@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 
 import pandas as pd
 
-from harness.cases import bodies, networks
+from harness.cases import bodies, linkages, networks
 from harness.cases.bodies import Found
 from harness.results.claim import Claim, claim_over
 from problems.sequence import SolvesQPs
@@ -19,6 +19,13 @@ CASES: dict[str, Callable[[SolvesQPs], list[Found]]] = {
     "cards": bodies.cards,
     "dominoes": bodies.dominoes,
     "sunk": bodies.sunk,
+    "slider_crank": linkages.slider_crank,
+    "double_pendulum": linkages.double_pendulum,
+    "skate": linkages.skate,
+    "bungee": linkages.bungee,
+    "motor": linkages.motor,
+    "bounce": linkages.bounce,
+    "frame": linkages.frame,
     "half_wave": networks.half_wave,
     "bridge": networks.bridge,
     "boost": networks.boost,

@@ -6,6 +6,7 @@ What each does follows from its energy, or from equations in as many coordinates
     double_pendulum  two angles; the inner stop makes one body of both while it is pressed
     skate            on ice that slopes it turns at a constant rate ω, and v̇ = −g sin ωt along it
     bungee           it falls freely, and swings as cos √(k/m) t while the string is taut
+    bounce           after each impact it rises to e² of the height before, and rests in the end
     motor            it is driven by a constant force until it has come so far, and coasts
 """
 
@@ -66,8 +67,8 @@ def slider_crank(
 
 
 def double_pendulum(
-    upper: float = 40.0,
-    lower: float = 40.0,
+    upper: float = 70.0,
+    lower: float = 50.0,
     stop: float = 25.0,
     length: float = 1.0,
     gravity: float = 9.81,
@@ -164,6 +165,32 @@ def motor(
         v0=np.zeros((1, 3)),
         forces=(Switched(Load(0, (force, 0.0, 0.0)), lambda q, v, t: float(until_x - q[0, 0])),),
         mu=mu,
+        gravity=gravity,
+        eps=eps,
+        end_time=end_time,
+    )
+
+
+def bounce(
+    restitution: float = 0.5,
+    height: float = 1.0,
+    spin: float = 0.0,
+    mu: float = 0.0,
+    gravity: float = 9.81,
+    eps: float = 1e-3,
+    end_time: float = 2.0,
+) -> Scene:
+    """A box that falls on the ground and bounces.
+
+    restitution : from 0 to 1;  height : that it falls from [m];  spin : at the start [rad/s]
+    """
+    return Scene(
+        bodies=(box(0.4, 0.2, 12.5),),
+        q0=np.array([(0.0, height + 0.1, 0.0)]),
+        v0=np.array([(0.0, 0.0, spin)]),
+        mu=mu,
+        mu_I=mu,
+        restitution=restitution,
         gravity=gravity,
         eps=eps,
         end_time=end_time,

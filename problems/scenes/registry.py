@@ -44,6 +44,7 @@ LINKAGES = {
     "skate": "problems.scenes.linkages:skate",
     "bungee": "problems.scenes.linkages:bungee",
     "motor": "problems.scenes.linkages:motor",
+    "bounce": "problems.scenes.linkages:bounce",
     "arm": "problems.scenes.machines:arm",
     "vehicle": "problems.scenes.machines:vehicle",
     "human": "problems.scenes.machines:human",

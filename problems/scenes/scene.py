@@ -58,6 +58,7 @@ class Scene(Short):
     forces : beside gravity;  impulses : external, at given times
     mu : friction coefficient;  mu_pairs : of particular pairs (body numbers from 1, 0 the ground)
     mu_I : impulse friction coefficient, of contacts with mu > 0 (§5);  gravity : [m/s²]
+    restitution, restitution_pairs : coefficient from 0, plastic, to 1, of all and particular pairs
     eps : ε, by default `default_eps`
     end_time : [s];  stop_at_rest : end as soon as everything has been still for a while
     name, parameters : the function that made it and all its named parameters
@@ -76,6 +77,8 @@ class Scene(Short):
     mu: float = 0.0
     mu_pairs: Mapping[tuple[int, int], float] = field(default_factory=dict)
     mu_I: float = 0.0
+    restitution: float = 0.0
+    restitution_pairs: Mapping[tuple[int, int], float] = field(default_factory=dict)
     gravity: float = 9.81
     eps: float = None  # type: ignore[assignment]
     end_time: float = 1.0
@@ -104,17 +107,22 @@ class Scene(Short):
                     check_body(type(joint).__name__, body, n)
         if self.eps is None:
             object.__setattr__(self, "eps", default_eps(self.bodies))
-        for name in ("mu", "mu_I", "gravity", "eps", "end_time"):
+        for name in ("mu", "mu_I", "restitution", "gravity", "eps", "end_time"):
             value = getattr(self, name)
             if not np.isfinite(value) or value < 0:
                 raise ValueError(f"{name} = {value!r}; it must be a finite number, not negative")
             object.__setattr__(self, name, float(value))
-        for pair, mu in self.mu_pairs.items():
-            if not (np.isfinite(mu) and mu >= 0 and all(0 <= b <= n for b in pair)):
-                raise ValueError(
-                    f"mu_pairs[{pair}] = {mu!r}: needs two body numbers from 0 (the ground) to "
-                    f"{n} and a coefficient that is not negative"
-                )
+        for name, most in (("mu", np.inf), ("restitution", 1.0)):
+            if not getattr(self, name) <= most:
+                raise ValueError(f"{name} = {getattr(self, name):g}; it may be {most:g} at most")
+            for pair, value in getattr(self, f"{name}_pairs").items():
+                if not (
+                    np.isfinite(value) and 0 <= value <= most and all(0 <= b <= n for b in pair)
+                ):
+                    raise ValueError(
+                        f"{name}_pairs[{pair}] = {value!r}: needs two body numbers from 0 (the "
+                        f"ground) to {n} and a coefficient from 0 to {most:g}"
+                    )
         if self.mu_I > 0 and not (self.mu > 0 or any(mu > 0 for mu in self.mu_pairs.values())):
             raise ValueError(
                 f"mu_I = {self.mu_I:g} acts on contacts with friction only, and mu is 0 "
@@ -131,10 +139,24 @@ class Scene(Short):
 
     def mu_between(self, a: int, b: int) -> float:
         """Friction coefficient of two bodies by index, `GROUND` for the ground."""
-        one, two = (0 if body == GROUND else body + 1 for body in (a, b))
-        return self.mu_pairs.get((one, two), self.mu_pairs.get((two, one), self.mu))
+        return _of_pair(self.mu_pairs, a, b, self.mu)
+
+    def restitution_between(self, a: int, b: int) -> float:
+        """Coefficient of restitution of two bodies by index."""
+        return _of_pair(self.restitution_pairs, a, b, self.restitution)
+
+    @property
+    def bounces(self) -> bool:
+        """Whether any pair has a coefficient of restitution above 0."""
+        return self.restitution > 0 or any(e > 0 for e in self.restitution_pairs.values())
 
     def all_forces(self) -> tuple[Force, ...]:
         """Gravity and the scene's own forces."""
         masses = np.array([body.mass for body in self.bodies])
         return (Gravity(masses, self.gravity), *self.forces)
+
+
+def _of_pair(values: Mapping[tuple[int, int], float], a: int, b: int, otherwise: float) -> float:
+    """What a mapping by body numbers says of two bodies by index."""
+    one, two = (0 if body == GROUND else body + 1 for body in (a, b))
+    return values.get((one, two), values.get((two, one), otherwise))

@@ -10,6 +10,7 @@ import numpy as np
 from problems.friction.impulses import ImpulseRule
 from problems.friction.rules import FrictionRule
 from problems.stepping.drift import DRIFT_RULES, DRIFT_TIME, DriftRule
+from problems.stepping.restitution import RestitutionRule
 
 StopRule = Literal["located", "held"]
 
@@ -27,6 +28,8 @@ class StepperOptions:
     h_first, h_max : first and largest step [s]
     order : r of AB-r and BDF-r once it has started, 1 or 2
     impulses : "paper" or "newton_coulomb", see `problems.friction.impulses`
+    restitution : "poisson" or "newton", where a scene has coefficients, see
+        `problems.stepping.restitution`
     rest_speed : at rest, ‖q̇_i‖_M ≤ rest_speed and ‖q̈_i‖_M ≤ rest_speed / `REST_HORIZON` for every
         body; default 2 ε
     drift, drift_time : "none", "baumgarte" with τ = drift_time [s], or "projection", see
@@ -45,6 +48,7 @@ class StepperOptions:
     rest_speed: float = 0.0
     order: int = 2
     impulses: ImpulseRule = "paper"
+    restitution: RestitutionRule = "poisson"
     drift: DriftRule = "none"
     drift_time: float = DRIFT_TIME
 
@@ -68,6 +72,8 @@ class StepperOptions:
             raise ValueError(f'stops = {self.stops!r}; choose "located" or "held"')
         if self.impulses not in ("paper", "newton_coulomb"):
             raise ValueError(f'impulses = {self.impulses!r}; choose "paper" or "newton_coulomb"')
+        if self.restitution not in ("poisson", "newton"):
+            raise ValueError(f'restitution = {self.restitution!r}; choose "poisson" or "newton"')
         if self.drift not in DRIFT_RULES:
             raise ValueError(f"drift = {self.drift!r}; choose one of {', '.join(DRIFT_RULES)}")
         if self.order not in (1, 2):

@@ -43,6 +43,7 @@ from problems.contacts.constraint_graph import Friction
 from problems.formulas.multistep import SHORTEST_STEP
 from problems.formulas.step_kernels import FAR_TOO_DEEP, fastest_body
 from problems.friction.passes import UNSETTLED
+from problems.joints.row_kernels import rows_at
 from problems.scenes import Scene
 from problems.sequence import SimulationError, SolvesQPs
 from problems.stepping.driver import Driver
@@ -143,6 +144,7 @@ class Stepper:
         """
         self._check_sizes()
         self._check_overlaps()
+        self._check_joints()
         system, pose = self.system, self.system.pose()
         system.graph.candidates.take_as_touching(system.q, TOUCH_TOL)
         for hit in touching(system.graph, system.q, system.history.v, -np.inf):
@@ -174,6 +176,19 @@ class Stepper:
                     f"{depth:.3g} m at the start, and up to {most:.3g} m is taken for contact; "
                     "move them apart"
                 )
+
+    def _check_joints(self) -> None:
+        """Raise ValueError for a joint whose parts are farther apart than drift may leave them."""
+        system = self.system
+        rows = system.graph.rows
+        phi = rows_at(rows, system.q)[0]
+        phi = np.where(rows.stop != 0, np.maximum(-phi, 0.0), np.abs(phi))
+        if phi.max(initial=0.0) > system.allowed_overlap:
+            worst = int(np.argmax(phi))
+            raise ValueError(
+                f"scene {system.scene.name!r}: {system.joint_name(worst)} is open by "
+                f"{phi[worst]:.3g} m or rad at the start; move the bodies, or its points"
+            )
 
     def _check_sizes(self) -> None:
         """Raise ValueError for a body smaller than an overlap may be, or so large or far off that

@@ -25,6 +25,7 @@ from problems.stepping.events import (
     touching,
     touching_stops,
 )
+from problems.stepping.restitution import bounced, coefficients
 from problems.stepping.system import System
 from problems.stepping.velocity import VelocityStep
 
@@ -115,8 +116,15 @@ class Transitions:
         system = self.system
         if not assembly.count:
             return v + F / system.D**2
-        model = system.scene.mu_I, v, F, system.t, system.options.impulses
-        return solve_impulse(system.qps, assembly, system.D, *model)[0]
+
+        def plastic(before: Vector, F: Vector) -> tuple[Vector, Vector]:
+            model = system.scene.mu_I, before, F, system.t, system.options.impulses
+            return solve_impulse(system.qps, assembly, system.D, *model)
+
+        if not system.scene.bounces:
+            return plastic(v, F)[0]
+        e = coefficients(assembly, system.scene.restitution_between, v, system.options.drop_tol)
+        return bounced(assembly, system.D, e, v, F, plastic, system.options.restitution)
 
     def _make_way(self, pose: Pose, hit: Hit) -> None:
         """Drop what stands for a contact that was missed, but is on another edge."""

@@ -1,7 +1,7 @@
 """Pictures of the bodies: a sheet of frames like the paper's figures 2 to 5, and an animation.
 
 Each frame shows the bodies with their numbers (from 1, as in the paper; they turn with the body),
-the ground, and the spring where there is one.  The time in seconds stands under the frame.
+the ground, springs, and joints as bars and pins.  The time in seconds stands under the frame.
 
 All frames of a sheet have one scale and equal axes.  Where the bodies stay together, and where
 there is one only, they also have the same limits, side by side in a grid.  Where the bodies drift
@@ -61,7 +61,7 @@ class Window:
 def window_of(motion: Motion, poses: Sequence[Array]) -> Window:
     """The least window, with a margin, that holds all bodies, springs, the ground and walls."""
     points = [np.concatenate(motion.corners(pose, i)) for pose in poses for i in range(len(pose))]
-    points += [ends for pose in poses for ends in motion.spring_ends(pose)]
+    points += [e for pose in poses for e in (*motion.spring_ends(pose), *motion.bar_ends(pose))]
     points += [np.array([point]) for point, normal in motion.ground if abs(normal[0]) > LEVEL]
     everything = np.concatenate(points)
     (left, low), (right, high) = everything.min(axis=0), everything.max(axis=0)
@@ -209,7 +209,7 @@ def animate_scene(source: Any, path: str | Path, *, fps: int = 25, speed: float 
 def draw_bodies(
     axes: Axes, motion: Motion, pose: Array, window: Window, *, origin: bool = False
 ) -> None:
-    """Draw bodies, numbers, ground and spring in a window of the plane, without axes.
+    """Draw bodies, numbers, ground, springs and joints in a window of the plane, without axes.
 
     origin : mark x = 0 by a tick on the ground
     """
@@ -224,6 +224,8 @@ def draw_bodies(
         axes.plot([0, 0], [0, window.bottom], color=SOFT, linewidth=0.9, zorder=1)
     for ends in motion.spring_ends(pose):
         _draw_spring(axes, *ends)
+    for ends in motion.bar_ends(pose):
+        axes.plot(*ends.T, color=INK, linewidth=1.6, marker="o", markersize=2.5, zorder=3.5)
     for body in range(len(pose)):
         colour = BODIES[body % len(BODIES)]
         for part in motion.corners(pose, body):

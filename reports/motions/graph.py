@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harness.motions.instant import Instant
 from reports.motions.frames import draw_bodies, window_of
-from reports.motions.motion import Array, Motion
+from reports.motions.motion import Array, motion_of
 from reports.parts.style import BODIES, FAINT, INK, PAGE_WIDTH, PAPER, SOFT, drawing, save
 
 if TYPE_CHECKING:
@@ -37,11 +38,8 @@ def roman(number: int) -> str:
 def plot_graph(instant: Instant, path: str | Path) -> Path:
     """Draw the scene and its graph (.png, .svg or .pdf); returns the path."""
     scene = instant.scene
-    motion = Motion(
-        scene.label, np.array([instant.t]), instant.q[None], np.zeros_like(instant.q[None]),
-        [body.polygons for body in scene.bodies], [],
-        [(plane.point, plane.normal) for plane in scene.ground],
-    )  # fmt: skip
+    q = instant.q[None]
+    motion = motion_of(SimpleNamespace(scene=scene, t=np.array([instant.t]), q=q, v=0 * q))
     window = window_of(motion, [instant.q])
     height = float(np.clip(PAGE_WIDTH * window.height / window.width, 1.4, 3.2))
     below, title = 2.7, 0.3

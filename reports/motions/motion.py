@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from problems import scene
-from problems.contacts.geometry import HalfPlane
+from problems import Scene, scene
+from problems.bodies.bodies import GROUND
 
 Array = NDArray[np.float64]
 
@@ -19,6 +19,11 @@ ROUND = 72
 
 PAPER_TIMES = {"fig3": (0.7302, 2.1151, 4.0002)}
 """Times printed under the paper's frames where the text keeps them [s]."""
+
+
+LEVEL = (((0.0, 0.0), (0.0, 1.0)),)
+"""The ground of a scene that is not known: the x-axis."""
+Link = tuple[int, Sequence[float], int, Sequence[float]]
 
 
 @dataclass(frozen=True)
@@ -31,7 +36,8 @@ class Motion:
     v : (n, bodies, 3) their velocities [m/s, m/s, rad/s]
     polygons : per body, its convex parts, each (c, 2) in body coordinates [m]; of a disc the one
         point (radius, 0)
-    springs : (body index, point in body coordinates, anchor in the plane) of each
+    springs, bars : what connects two points: (body, point in its coordinates, other body, anchor
+        in those of the other, or in the plane where that is the ground)
     ground : half planes that do not move, each (point [m], normal out of it)
     """
 
@@ -40,8 +46,9 @@ class Motion:
     q: Array
     v: Array
     polygons: Sequence[Sequence[Array]]
-    springs: Sequence[tuple[int, Sequence[float], Sequence[float]]] = ()
-    ground: Sequence[tuple[Sequence[float], Sequence[float]]] = (((0.0, 0.0), (0.0, 1.0)),)
+    springs: Sequence[Link] = ()
+    bars: Sequence[Link] = ()
+    ground: Sequence[tuple[Sequence[float], Sequence[float]]] = LEVEL
 
     def pose(self, t: float) -> Array:
         """x, y, φ of each body at time t, (bodies, 3), linear between accepted steps."""
@@ -55,10 +62,21 @@ class Motion:
 
     def spring_ends(self, pose: Array) -> list[Array]:
         """Ends of each spring in the plane, (2, 2): its anchor, then the point that it holds."""
-        return [
-            np.stack([np.asarray(anchor, float), _moved(pose[body], np.asarray(point, float))])
-            for body, point, anchor in self.springs
+        return [_ends(link, pose) for link in self.springs]
+
+    def bar_ends(self, pose: Array) -> list[Array]:
+        """Ends of each bar in the plane, (2, 2), both the same of a pin."""
+        return [_ends(link, pose) for link in self.bars]
+
+
+def _ends(link: Link, pose: Array) -> Array:
+    places = ((link[2], link[3]), (link[0], link[1]))
+    return np.stack(
+        [
+            np.asarray(point, float) if body == GROUND else _moved(pose[body], np.asarray(point))
+            for body, point in places
         ]
+    )
 
 
 def _outline(part: Array) -> Array:
@@ -87,49 +105,32 @@ def motion_of(source: Any) -> Motion:
     t, q, v = (np.asarray(getattr(source, name), float) for name in ("t", "q", "v"))
     if hasattr(source, "polygons"):
         label, polygons = str(source.scene), source.polygons
-        springs = _recorded_springs(source.parameters, polygons, q)
-        planes = _recorded_ground(label, source.parameters)
+        made = _made_again(label, source.parameters)
     else:
         label, polygons = str(source.scene.label), [body.polygons for body in source.scene.bodies]
-        springs = [
-            (force.body, force.point, force.anchor)
-            for force in source.scene.forces
-            if hasattr(force, "anchor")
-        ]
-        planes = source.scene.ground
+        made = source.scene
     if t.size == 0:
         raise ValueError(f"{label} holds no steps, so there is nothing to draw")
-    ground = [(plane.point, plane.normal) for plane in planes]
-    return Motion(label, t, q, v, polygons, springs, ground)
+    ground = [(plane.point, plane.normal) for plane in made.ground] if made else LEVEL
+    springs, bars = (_links(part) for part in ((made.forces, made.joints) if made else ((), ())))
+    return Motion(label, t, q, v, polygons, springs, bars, ground)
 
 
-def _recorded_ground(label: str, parameters: Mapping[str, Any]) -> Sequence[HalfPlane]:
-    """The half planes of a recorded scene; a recording keeps none, so it is made again.
+def _links(acting: Sequence[Any]) -> list[Link]:
+    """Those with two ends."""
+    return [
+        (one.body, one.point, one.other, one.anchor) for one in acting if hasattr(one, "anchor")
+    ]
 
-    Plain ground for a scene that is not known here.
-    """
+
+def _made_again(label: str, parameters: Mapping[str, Any]) -> Scene | None:
+    """The scene of a recording, which keeps no ground and forces; None if it is not known here."""
     own = {name: value for name, value in parameters.items() if not name.startswith("run.")}
     try:
-        return scene(label.partition(",")[0], **own).ground
+        made: Scene = scene(label.partition(",")[0], **own)
     except ValueError:
-        return (HalfPlane(),)
-
-
-def _recorded_springs(
-    parameters: Mapping[str, Any], polygons: Sequence[Sequence[Array]], q: Array
-) -> list[tuple[int, Sequence[float], Sequence[float]]]:
-    """The spring of a recorded scene with a parameter `anchor_above`, as figure 3 has it.
-
-    A recording keeps no forces.  The spring holds the upper left corner of body 1, and its anchor
-    is that far above where the corner was at the start.
-    """
-    above = parameters.get("anchor_above")
-    if above is None or not len(q):
-        return []
-    corners = np.concatenate([np.asarray(part) for part in polygons[0]])
-    corner = corners[np.lexsort((corners[:, 0], -corners[:, 1]))[0]]
-    x, y, _ = q[0, 0]
-    return [(0, tuple(corner), (x + corner[0], y + corner[1] + float(above)))]
+        return None
+    return made
 
 
 def frame_times(motion: Motion, frames: int) -> list[float]:

@@ -25,6 +25,13 @@ BOUNDS = {
     "cards": 1e-3,
     "dominoes": 1e-4,
     "sunk": 1e-6,
+    "slider_crank": 1e-3,
+    "double_pendulum": 1e-4,
+    "skate": 1e-5,
+    "bungee": 1e-5,
+    "motor": 1e-5,
+    "bounce": 1e-4,
+    "frame": 1e-4,
     "half_wave": 1e-4,
     "bridge": 1e-3,
     "boost": 0.05,
@@ -48,8 +55,8 @@ def test_numbers_are_those_that_are_known(case: str, rows: pd.DataFrame) -> None
 
 def test_the_method_is_of_second_order_where_that_can_be_seen(rows: pd.DataFrame) -> None:
     seen = rows["order"].dropna()
-    assert len(seen) == 4
-    np.testing.assert_allclose(seen, 2.0, atol=0.1)
+    assert len(seen) == 13
+    assert (seen > 1.9).all() and (seen < 2.5).all()  # the crank's error passes through 0
 
 
 def test_more_stones_come_closer_to_milankovitch(rows: pd.DataFrame) -> None:
@@ -64,7 +71,8 @@ def test_a_bracket_that_encloses_nothing_gives_no_threshold() -> None:
 
 def test_the_scenes_are_listed_and_other_engines_can_read_them() -> None:
     listed = scene_kinds()["cases"]
-    assert set(listed) | set(scene_kinds()["networks"]) == set(CASES)
+    others = {*scene_kinds()["networks"], *scene_kinds()["linkages"]}
+    assert set(listed) < set(CASES) and set(CASES) - set(listed) < others
     for name in listed:
         assert not started(name).impulses
 
