@@ -35,16 +35,27 @@ if TYPE_CHECKING:
     from harness.recordings.recording import read_recording as read_recording
     from harness.recordings.recording import write_recording as write_recording
     from harness.study.replay import replay as replay
+    from problems.bodies.bodies import GROUND as GROUND
     from problems.bodies.bodies import Body as Body
     from problems.bodies.bodies import box as box
     from problems.bodies.bodies import disc as disc
     from problems.bodies.bodies import polygon_body as polygon_body
+    from problems.bodies.forces import Drive as Drive
     from problems.bodies.forces import Force as Force
     from problems.bodies.forces import Gravity as Gravity
     from problems.bodies.forces import Impulse as Impulse
     from problems.bodies.forces import Load as Load
     from problems.bodies.forces import SpringDamper as SpringDamper
+    from problems.bodies.forces import Switched as Switched
     from problems.contacts.geometry import HalfPlane as HalfPlane
+    from problems.joints.joints import Apart as Apart
+    from problems.joints.joints import Blade as Blade
+    from problems.joints.joints import Gear as Gear
+    from problems.joints.joints import Guide as Guide
+    from problems.joints.joints import Pin as Pin
+    from problems.joints.joints import Rod as Rod
+    from problems.joints.joints import Stop as Stop
+    from problems.joints.joints import Weld as Weld
     from problems.qp import ContactQP as ContactQP
     from problems.qp import Solution as Solution
     from problems.qp import Status as Status
@@ -73,9 +84,10 @@ HOMES = {
     "harness.recordings.of_qps": "recording_from",
     "harness.recordings.recording": "Recording read_recording write_recording",
     "harness.study.replay": "replay",
-    "problems.bodies.bodies": "Body box disc polygon_body",
-    "problems.bodies.forces": "Force Gravity Impulse Load SpringDamper",
+    "problems.bodies.bodies": "GROUND Body box disc polygon_body",
+    "problems.bodies.forces": "Drive Force Gravity Impulse Load SpringDamper Switched",
     "problems.contacts.geometry": "HalfPlane",
+    "problems.joints.joints": "Apart Blade Gear Guide Pin Rod Stop Weld",
     "problems.qp": "ContactQP Solution Status",
     "problems.scenes": "Scene describe_scene scene scene_names",
     "problems.sequence": "SimulationError",

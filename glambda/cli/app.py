@@ -58,6 +58,10 @@ Friction = Annotated[
 Impulses = Annotated[
     Literal["paper", "newton_coulomb"], typer.Option(help="what friction does in a collision")
 ]
+Restitution = Annotated[
+    Literal["poisson", "newton"],
+    typer.Option(help="how a collision bounces where the scene has coefficients of restitution"),
+]
 FixedStep = Annotated[
     float | None, typer.Option(help="step length [s], without error control; cut only by events")
 ]

@@ -37,7 +37,8 @@ def study(
     scenes: Annotated[
         str | None,
         typer.Option(
-            help="with spaces between, such as 'fig3 tower,bodies=20'; all: the paper's four"
+            help="with spaces between, such as 'fig3 tower,bodies=20', or a kind of `glambda "
+            "scenes`, such as linkages; all: of every kind; default: paper"
         ),
     ] = None,
     solvers: Annotated[str | None, typer.Option(help="as for replay")] = None,
@@ -60,12 +61,12 @@ def study(
     from harness.progress import shown
     from harness.results.store import read_results
     from harness.study.study import QUICK, StudyPlan, run_study
-    from problems.scenes.labels import PAPER_SCENES
+    from problems.scenes.registry import chosen_scenes
     from reports.page.page import write_report
 
     plan = QUICK if quick else StudyPlan()
     if scenes is not None:
-        plan = with_changes(plan, scenes=PAPER_SCENES if scenes == "all" else tuple(scenes.split()))
+        plan = with_changes(plan, scenes=chosen_scenes(scenes))
     if solvers is not None:
         plan = with_changes(plan, solvers=tuple(chosen_solvers(solvers)))
     folder = results or Path("results/quick" if quick else "results")

@@ -28,6 +28,7 @@ from problems.bodies.bodies import GROUND
 from problems.bodies.forces import Load
 from problems.bodies.shapes import cross
 from problems.contacts.geometry import Geometry
+from problems.joints.joints import kept_apart
 from problems.qp import NORMAL, ContactQP, Solution, Vector
 from problems.scenes import Scene
 from problems.sequence import WARM_KINDS
@@ -53,15 +54,17 @@ def physics_of(run: Run) -> dict[str, float]:
 def overlap(scene: Scene, q: Vector) -> Vector:
     """Deepest overlap [m] of any two parts at poses q (n, bodies, 3).
 
-    (n,), negative if apart; parts whose circumscribed circles are apart are not looked at.
+    (n,), negative if apart; parts whose circumscribed circles are apart are not looked at, nor are
+    bodies that a joint lets pass each other.
     """
+    pass_by = kept_apart(scene.joints)
     if any(body.disc for body in scene.bodies):
         return _overlap_of_discs(scene, q)
     parts = [(b, polygon) for b, body in enumerate(scene.bodies) for polygon in body.polygons]
     corners = [_placed(polygon, q[:, b]) for b, polygon in parts]
     deepest = np.full(len(q), -np.inf)
     for (a, one), (b, other) in combinations(zip(parts, corners, strict=True), 2):
-        if a[0] != b[0]:
+        if a[0] != b[0] and (min(a[0], b[0]), max(a[0], b[0])) not in pass_by:
             reach = scene.bodies[a[0]].radius + scene.bodies[b[0]].radius
             near = np.hypot(*(q[:, a[0], :2] - q[:, b[0], :2]).T) <= reach
             apart = np.maximum(
@@ -70,20 +73,23 @@ def overlap(scene: Scene, q: Vector) -> Vector:
             deepest[near] = np.maximum(deepest[near], -apart)
     for plane in scene.ground:
         normal = np.array(plane.normal) / np.hypot(*plane.normal)
-        for one in corners:
+        for (body, _), one in zip(parts, corners, strict=True):
+            if (GROUND, body) in pass_by:
+                continue
             deepest = np.maximum(deepest, -((one - plane.point) @ normal).min(axis=1))
     return deepest
 
 
 def _overlap_of_discs(scene: Scene, q: Vector) -> Vector:
     """`overlap` of a scene with discs, (n,), by the contact geometry's own distances."""
-    geometry = Geometry(scene.bodies, scene.ground)
+    geometry = Geometry(scene.bodies, scene.ground, kept_apart(scene.joints))
     number, deepest = len(geometry.part_body), np.full(len(q), -np.inf)
     pairs = [
         (one, two)
         for one in range(geometry.n_moving)
         for two in range(one + 1, number)
         if geometry.part_body[one] != geometry.part_body[two]
+        and geometry.may_touch(*geometry.part_body[[[one], [two]]])
     ]
     for i, pose in enumerate(geometry.pose(now.ravel()) for now in q):
         deepest[i] = max((geometry.penetration(pose, pair) for pair in pairs), default=-np.inf)
@@ -176,7 +182,8 @@ def signorini(run: Run) -> dict[str, float]:
     """Largest approach speed [m/s] and pull [N] of a step, and the work [J] pumped in by all."""
     approach = pull = pumped = 0.0
     for qp, x in last_answers(run):
-        normal = (qp.feature[:, 4] == 0) if qp.kind in WARM_KINDS else np.ones(qp.k, bool)
+        direction = qp.feature[:, 4]
+        normal = direction == NORMAL if qp.kind in WARM_KINDS else direction >= 0
         if not normal.any():
             continue
         speed = qp.h / qp.alpha0 * qp.gradient(x)[normal]

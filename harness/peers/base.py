@@ -115,10 +115,13 @@ def one_friction(scene: Scene) -> float:
     """The friction coefficient of all pairs, since engines give it to bodies.
 
     Raises ValueError for a scene that has another one for some pairs, forces beside gravity, or
-    discs, which engines are not given.
+    discs, joints or impacts that bounce, which engines are not given.
     """
     if any(body.disc for body in scene.bodies):
         raise ValueError(f"scene {scene.label!r} has discs; engines are given polygons alone")
+    if scene.joints or scene.bounces:
+        what = "joints" if scene.joints else "impacts that bounce"
+        raise ValueError(f"scene {scene.label!r} has {what}; engines are given plastic contacts")
     if scene.mu_pairs:
         raise ValueError(f"scene {scene.label!r} has friction by pairs, which engines do not have")
     if scene.forces:

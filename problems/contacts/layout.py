@@ -29,7 +29,8 @@ class Layout:
         self.row_id, self.row, self.tangential = self.columns[:3]
         self.normal_column, self.sticking, self.sticking_column = self.columns[3:]
         self.feature = feature[self.row]
-        self.feature[:, 4] = self.tangential
+        contacts = self.feature[:, 4] >= 0
+        self.feature[contacts, 4] = self.tangential[contacts]
         self.proof = IndependenceProof()
         self.room: dict[bool, Any] = {}
         self.row_id.setflags(write=False)

@@ -97,6 +97,13 @@ def scene_kinds() -> dict[str, list[str]]:
     return kinds | ({"plug-ins": others} if others else {})
 
 
+def chosen_scenes(text: str) -> tuple[str, ...]:
+    """Labels with spaces between; a kind stands for its scenes, "all" for those of every kind."""
+    kinds = scene_kinds()
+    kinds["all"] = [name for scenes in kinds.values() for name in scenes]
+    return tuple(label for word in text.split() for label in kinds.get(word, [word]))
+
+
 def _maker(name: str) -> Callable[..., Any]:
     if name not in _targets():
         raise unknown("scene", name, _targets())

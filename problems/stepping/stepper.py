@@ -29,7 +29,11 @@ This differs from the paper, because the text leaves it open or the rule fails a
  7. jamming: sliding forces s μ λ with s kept may feed back on λ with a gain ≥ 1, and then no λ
     meets both laws at any h (Painlevé).  Where the passes have failed for `JAM_TRIALS` lengths,
     the integration restarts at t_{n−1} with a short step in which every contact may stick: if some
-    catch, q̇ jumps, and it restarts once more.  Gains ≥ 1 are events, see `problems.stepping.gain`.
+    catch, q̇ jumps, and it restarts once more.  Gains ≥ 1 are events, see `problems.stepping.gain`;
+ 8. beyond the paper's contacts, as its section 6 proposes: joints are rows of J_N whose multipliers
+    have no bounds, or those of a material that yields, and stops join it where they are reached
+    (`problems.joints`); forces switch where a function of the state is 0
+    (`problems.stepping.switches`); impacts may bounce (`problems.stepping.restitution`).
 """
 
 from __future__ import annotations

@@ -47,7 +47,8 @@ def test_blocks_run_and_print_what_they_say(
     """One after the other, in one namespace; `print(…)  # text: why` prints text."""
     names: dict[str, object] = {"__name__": "page"}
     for number, text in enumerate(blocks(ROOT / page, "python")):
-        exec(compile(text, f"{page}, block {number}", "exec"), names)
+        code = compile(text, f"{page}, block {number}", "exec", dont_inherit=True)
+        exec(code, names)
         printed = capsys.readouterr().out
         for said in re.findall(r"^print\(.*\)  # ([\d[].*?)(?::|$)", text, flags=re.M):
             assert said in printed, f"{page}, block {number} prints {printed!r}"

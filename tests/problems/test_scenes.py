@@ -6,6 +6,7 @@ import pytest
 from problems import describe_scene, scene, scene_names, simulate
 from problems.bodies.bodies import box
 from problems.scenes import Scene
+from problems.scenes.registry import chosen_scenes
 from solvers import make_solver
 
 
@@ -85,3 +86,10 @@ def test_bad_scenes_are_refused(field, value, words):
     good = {"bodies": (box(1, 1),) * 2, "q0": np.zeros((2, 3)), "v0": np.zeros((2, 3))}
     with pytest.raises(ValueError, match=words):
         Scene(**(good | {field: value}))
+
+
+def test_scenes_are_chosen_by_kind():
+    assert chosen_scenes("fig4,mu_I=0.8 networks") == (
+        "fig4,mu_I=0.8", "half_wave", "bridge", "boost",
+    )  # fmt: skip
+    assert set(chosen_scenes("all")) == set(scene_names()) and chosen_scenes("fig9") == ("fig9",)

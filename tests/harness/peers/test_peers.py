@@ -32,6 +32,7 @@ from harness.peers.tasks import DEFAULT, FRAME, Task, digest_of, started, tasks_
 from problems import Scene, scene
 from problems.bodies.bodies import box, disc
 from problems.contacts.geometry import HalfPlane
+from problems.joints.joints import Pin
 from reports.peers.page import write_peers
 from reports.peers.tables import least_table, rest_table
 from tests.fakes.runs import leaning_box, one_box, scene_run
@@ -124,6 +125,8 @@ def test_a_leaning_box_falls_as_its_moment_of_inertia_says(engine: str) -> None:
         ("mu_pairs", {(1, 0): 0.3}),
         ("forces", leaning_box(spring=True).forces),
         ("bodies", (disc(0.5),)),
+        ("joints", (Pin(0, (0.0, 0.0)),)),
+        ("restitution", 0.5),
     ],
 )
 def test_what_engines_cannot_be_given_is_refused(engine: str, field: str, value: Any) -> None:
