@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from math import cos, inf, pi, radians, sin, sqrt
 from typing import Any
 
@@ -10,7 +11,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from harness.cases.bodies import Found, found, g, observed_order, run_of
-from problems import Run, scene
+from problems import Run, scene, simulate
+from problems.joints.tree import allowed_velocities, in_joint_coordinates
 from problems.sequence import SolvesQPs
 from problems.stepping.restitution import LEAST_BOUNCE
 
@@ -231,3 +233,30 @@ def _greatest_gain(run: Run) -> float:
     mass = np.array([(body.mass, body.mass, body.inertia) for body in run.scene.bodies])
     energy = 0.5 * (mass * run.v**2).sum(axis=(1, 2))
     return float(np.diff(energy)[np.diff(run.t) == 0].max(initial=0.0))
+
+
+def arm(solver: SolvesQPs) -> list[Found]:
+    """Its QPs, and those in joint coordinates."""
+    return [_two_forms(solver, "arm", 0.45)]
+
+
+def human(solver: SolvesQPs) -> list[Found]:
+    """Its QPs, and those in joint coordinates."""
+    return [_two_forms(solver, "human", 0.3)]
+
+
+def _two_forms(solver: SolvesQPs, name: str, until: float) -> Found:
+    """The largest difference of q̇ between multipliers of the pins and joint coordinates."""
+    made, farthest = scene(name), 0.0
+    run = simulate(made, solver, until=until)
+    place = {float(t): i for i, t in enumerate(run.t)}
+    for qp in run.qps:
+        if qp.kind != "step" or not qp.accepted or qp.t not in place:
+            continue
+        exact = replace(qp, eps0=1e-13)
+        B = allowed_velocities(made, run.q[place[qp.t]].ravel())
+        small, inverse = in_joint_coordinates(exact, B)
+        w = inverse @ small.residual(np.asarray(solver.solve(small).x))
+        v = exact.residual(np.asarray(solver.solve(exact).x)) / exact.D
+        farthest = max(farthest, float(np.abs(B @ w - v).max()) * qp.h / qp.alpha0)
+    return found("multipliers or joint coordinates, q̇ apart [m/s, rad/s]", farthest, 0.0)

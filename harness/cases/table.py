@@ -26,6 +26,8 @@ CASES: dict[str, Callable[[SolvesQPs], list[Found]]] = {
     "motor": linkages.motor,
     "bounce": linkages.bounce,
     "frame": linkages.frame,
+    "arm": linkages.arm,
+    "human": linkages.human,
     "half_wave": networks.half_wave,
     "bridge": networks.bridge,
     "boost": networks.boost,

@@ -32,6 +32,8 @@ BOUNDS = {
     "motor": 1e-5,
     "bounce": 1e-4,
     "frame": 1e-4,
+    "arm": 1e-9,
+    "human": 1e-9,
     "half_wave": 1e-4,
     "bridge": 1e-3,
     "boost": 0.05,
