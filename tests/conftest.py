@@ -3,12 +3,18 @@
 They can be interrupted, and so can what they start, also where a shell began them in the background
 and had them ignore SIGINT.  Which modules `make check` leaves out, and which `make rounding` runs
 once more, is said here.
+
+A test process holds all that the tests before have imported, hundreds of megabytes.  Garbage
+collections, which passes begin with, would look through it again and again: what is there when a
+module of tests begins is set aside.
 """
 
 from __future__ import annotations
 
+import gc
 import signal
 from collections.abc import Sequence
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -47,6 +53,8 @@ ROUNDING = (
 ROUNDING_SCENE = "fig4"
 """Of the tests that go through all scenes, that whose QPs are the most delicate."""
 LEFT_OUT = "not slow"
+_begun: set[Path] = set()
+"""Modules of which a test has begun in this process."""
 
 
 def pytest_collection_modifyitems(items: Sequence[pytest.Item]) -> None:
@@ -57,6 +65,14 @@ def pytest_collection_modifyitems(items: Sequence[pytest.Item]) -> None:
         one = item.path.stem != "test_same_force" or ROUNDING_SCENE in item.name
         if item.path.stem in delicate and one:
             item.add_marker(pytest.mark.rounding)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    if item.path not in _begun:
+        _begun.add(item.path)
+        gc.collect()
+        gc.freeze()
 
 
 def pytest_terminal_summary(

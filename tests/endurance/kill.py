@@ -19,6 +19,7 @@ that count.  Exit code 1 if a table differs, a file cannot be read, or the study
 from __future__ import annotations
 
 import argparse
+import gc
 import hashlib
 import os
 import signal
@@ -296,6 +297,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     rng = np.random.default_rng(chosen.seed)
     with tempfile.TemporaryDirectory() as folder:
         study(Path(folder), isolate=False)  # imports and compiles; the forks inherit it
+    gc.freeze()  # they need not look through it for garbage
     expected, seconds = uninterrupted(isolate=False)
     names = operations()
     wanted = range(1, len(names) + 1)

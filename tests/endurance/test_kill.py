@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 
 IN_PLACE = """
@@ -31,16 +33,22 @@ def benchmark(*arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_a_killed_study_goes_on_to_the_same_end() -> None:
-    run = benchmark("-m", "tests.endurance.kill", "--operations=2", "--random=1", "--isolated=0")
-    assert run.returncode == 0, run.stdout + run.stderr
-    assert "| all" in run.stdout
+@pytest.fixture(scope="module")
+def some() -> subprocess.CompletedProcess[str]:
+    """Some are killed, others interrupted."""
+    return benchmark("-m", "tests.endurance.kill", "--operations=2", "--random=1", "--isolated=2")
 
 
-def test_an_interrupted_study_goes_on_to_the_same_end_and_leaves_no_process() -> None:
-    run = benchmark("-m", "tests.endurance.kill", "--operations=0", "--random=0", "--isolated=2")
-    assert run.returncode == 0, run.stdout + run.stderr
-    assert "| a random moment, solvers apart |       2 |" in run.stdout, run.stdout
+def test_a_killed_study_goes_on_to_the_same_end(some: subprocess.CompletedProcess[str]) -> None:
+    assert some.returncode == 0, some.stdout + some.stderr
+    assert "| all" in some.stdout
+
+
+def test_an_interrupted_study_goes_on_to_the_same_end_and_leaves_no_process(
+    some: subprocess.CompletedProcess[str],
+) -> None:
+    assert some.returncode == 0, some.stdout + some.stderr
+    assert "| a random moment, solvers apart |       2 |" in some.stdout, some.stdout
 
 
 def test_writing_in_place_would_be_noticed() -> None:

@@ -189,6 +189,12 @@ def study():
     return results_of(rows, {scene: make_recording(scene) for scene in SCENES})
 
 
+@pytest.fixture(scope="module")
+def written(tmp_path_factory, study):
+    """The folder of their report."""
+    return report(study, tmp_path_factory.mktemp("written")).parent
+
+
 # Means, shifts, charges and common sets
 
 
@@ -658,39 +664,37 @@ def test_figures_exist(tmp_path, study):
 # The page
 
 
-def test_page_stands_alone_and_is_the_same_twice(tmp_path, study):
-    page = report(study, tmp_path / "a").read_text(encoding="utf-8")
+def test_page_stands_alone_and_is_the_same_twice(tmp_path, study, written):
+    page = (written / "index.html").read_text(encoding="utf-8")
     assert not re.search(r"https?://", page)
     assert not re.search(r"<(link|iframe|object)\b|<script[^>]+src", page)
     assert all(
         source.startswith("data:") for source in re.findall(r'<img [^>]*src="([^"]+)"', page)
     )
     assert not re.search(r"url\((?!#)", page)
-    assert page == report(study, tmp_path / "b").read_text(encoding="utf-8")
+    assert page == report(study, tmp_path).read_text(encoding="utf-8")
     for folder in ("tables", "figures"):
-        for path in sorted((tmp_path / "a" / folder).iterdir()):
-            assert path.read_bytes() == (tmp_path / "b" / folder / path.name).read_bytes(), path
+        for path in sorted((written / folder).iterdir()):
+            assert path.read_bytes() == (tmp_path / folder / path.name).read_bytes(), path
     names = re.findall(r'\bid="([^"]+)"', page)
     assert len(names) == len(set(names))
     anchors = set(re.findall(r'href="#([^"]+)"', page))
     assert anchors <= set(names)
 
 
-def test_a_table_is_written_once_with_a_column_of_what_was_set(tmp_path, study):
-    report(study, tmp_path)
-    assert {path.suffix for path in (tmp_path / "tables").iterdir()} == {".csv"}
-    written = pd.read_csv(tmp_path / "tables" / "cost.csv")
-    assert written.columns[0] == "setting" and {*written["setting"]} == {*study.settings}
-    for setting, part in written.groupby("setting"):
+def test_a_table_is_written_once_with_a_column_of_what_was_set(study, written):
+    assert {path.suffix for path in (written / "tables").iterdir()} == {".csv"}
+    cost = pd.read_csv(written / "tables" / "cost.csv")
+    assert cost.columns[0] == "setting" and {*cost["setting"]} == {*study.settings}
+    for setting, part in cost.groupby("setting"):
         made = cost_table(study, setting).data["cold median"]
         assert part["cold median"].to_numpy() == pytest.approx(made.to_numpy(), nan_ok=True)
 
 
-def test_findings_name_the_files_of_the_numbers(tmp_path, study):
-    report(study, tmp_path)
-    text = (tmp_path / "findings.md").read_text(encoding="utf-8")
-    linked = {tmp_path / name for name in re.findall(r"\]\(([^)]+)\)", text)}
-    assert linked == {tmp_path / "index.html", *(tmp_path / "tables").iterdir()}
+def test_findings_name_the_files_of_the_numbers(written):
+    text = (written / "findings.md").read_text(encoding="utf-8")
+    linked = {written / name for name in re.findall(r"\]\(([^)]+)\)", text)}
+    assert linked == {written / "index.html", *(written / "tables").iterdir()}
     assert "## Which method?" in text and "On fig4 (warm, high) daqp is" in text
     assert "[cost](tables/cost.csv): Time per QP in µs, by setting." in text
 
@@ -702,8 +706,8 @@ def test_a_long_table_is_named_in_markdown_and_not_shown(study):
     assert "|" not in long.to_markdown() and "[scenes.csv](scenes.csv)" in long.to_markdown()
 
 
-def test_page_says_where_the_method_loses(tmp_path, study):
-    page = report(study, tmp_path).read_text(encoding="utf-8")
+def test_page_says_where_the_method_loses(written):
+    page = (written / "index.html").read_text(encoding="utf-8")
     section = page[page.index('id="unflattering"') :]
     assert "On fig4 (warm, high) daqp is" in section.replace("\u00a0", " ")
 
