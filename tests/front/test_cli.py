@@ -481,7 +481,7 @@ def test_interrupted_study_keeps_what_is_finished(tmp_path: Path, sent: signal.S
     """Ctrl-C, as a terminal sends it, or the end of a batch job, in the middle of a study."""
     code = (
         "import sys, dataclasses, harness.study.study as s\n"
-        "s.QUICK = dataclasses.replace(s.QUICK, scenes=('fig3',), until=3.0, repeats=400)\n"
+        "s.QUICK = dataclasses.replace(s.QUICK, scenes=('fig3',), until=1.0, repeats=400)\n"
         "sys.argv = ['glambda', 'study', '--quick', '--solvers', 'scipy_bvls,glambda',\n"
         f"            '--results', {str(tmp_path)!r}]\n"
         "from glambda.cli import main\nmain()\n"

@@ -16,6 +16,8 @@ import sys
 import time
 import tomllib
 from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +25,9 @@ import pytest
 from typer.testing import CliRunner
 
 from glambda.cli import app
+from harness.criterion.examination import examination_claims
 from harness.recordings.recording import write_recording
+from harness.study.study import QUICK
 from problems.scenes import registry as scenes
 from solvers import registry as solvers
 from tests.fakes.fake_recordings import fake_recording
@@ -38,11 +42,14 @@ SHORT = {
     "glambda record wall,bodies=1000,mu=0.3 --fixed-step 0.005 --stops held": "glambda record "
     "wall,bodies=8,mu=0.3 --fixed-step 0.005 --stops held --until 0.01",
     "glambda replay recordings/*.h5 --solvers glambda,daqp,proxqp --settings paper,high "
-    "-o results": "+ --repeats 1",
-    "glambda replay recordings/*.h5 --arms cold,warm,exact,stale5,corrupted -o results": "+ "
+    "-o results": "glambda replay recordings/fig4*.h5 recordings/mine.h5 "
+    "--solvers glambda,daqp,proxqp --settings paper,high -o results --repeats 1",
+    "glambda replay recordings/*.h5 --arms cold,warm,exact,stale5,corrupted -o results": "glambda "
+    "replay recordings/fig4*.h5 --arms cold,warm,exact,stale5,corrupted -o results "
     "--solvers glambda --settings high --repeats 1",
-    "glambda replay recordings/*.h5 --settings 1e-3,1e-6,1e-9 -o results": "+ "
-    "--solvers glambda --arms cold --repeats 1",
+    "glambda replay recordings/*.h5 --settings 1e-3,1e-6,1e-9 -o results": "glambda replay "
+    "recordings/fig4*.h5 --settings 1e-3,1e-6,1e-9 -o results --solvers glambda --arms cold "
+    "--repeats 1",
     "glambda replay recordings/*.h5 --solvers forms -o results": "glambda replay "
     "recordings/wall*.h5 --solvers forms -o results --settings high --arms cold --repeats 1",
     "glambda verify": "+ recordings/fig4.h5 --solvers glambda,daqp",
@@ -55,7 +62,7 @@ SHORT = {
     "-o criterion --repeats 1",
     "glambda growth tower wall -o growth": "+ --bodies 3 --solvers glambda",
     "glambda study --quick": "+ --scenes fig5 --solvers glambda",
-    "glambda study --workers 4": "glambda study --workers 2 --quick --scenes fig5 "
+    "glambda study --workers 4": "glambda study --workers 1 --quick --scenes fig5 "
     "--solvers glambda --results shared",
 }
 """What runs instead of a command, or "+" and what is added to it, so that it takes seconds."""
@@ -68,6 +75,9 @@ SMALLER = {
     "harness.criterion.criterion.ENOUGH": 1e-3,
     "harness.criterion.unit_times.ROUNDS": 2,
     "harness.criterion.kept_factors.INTERVALS": (1, 5),
+    "harness.criterion.kept_factors.LONGEST": 10,
+    "harness.criterion.examination.examination_claims": partial(examination_claims, largest=2),
+    "harness.study.study.QUICK": replace(QUICK, until=0.3),
     "harness.claims.painleve.STEPS": (1e-4, 1e-5, 1e-6),
     "harness.claims.painleve.GAINS": (-0.4, 0.9, 1.2),
     "harness.claims.painleve.APPROACHES": (2.0, 3.0),

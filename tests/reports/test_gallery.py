@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
 from glambda.cli import app
 
 
-def test_pictures_animations_and_an_index(tmp_path: Path) -> None:
+def test_pictures_animations_and_an_index(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("reports.motions.gallery.FPS", 8)
+    monkeypatch.setattr("reports.motions.network.PICTURES", 25)
     done = CliRunner().invoke(app, ["gallery", "sunk", "half_wave", "-o", str(tmp_path)])
     assert done.exit_code == 0, done.output
     page = (tmp_path / "index.html").read_text(encoding="utf-8")

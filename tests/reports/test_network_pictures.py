@@ -17,7 +17,10 @@ from reports.motions.frames import animate_scene, plot_scene
 from reports.motions.network import trace_of
 
 
-def test_a_network_is_recorded_and_says_what_its_run_said(tmp_path: Path):
+def test_a_network_is_recorded_and_says_what_its_run_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("reports.motions.network.PICTURES", 10)
     label = "half_wave,end_time=0.015"
     done = CliRunner().invoke(app, ["record", label, "-o", str(tmp_path)])
     assert done.exit_code == 0, done.output

@@ -52,7 +52,7 @@ def solved(qp: ContactQP, method: str, start: Solution | None = None) -> Vector:
 # It ends, and is right
 
 
-@examples(300)
+@examples(150)
 @given(dense_qps())
 def test_dense(case: Posed) -> None:
     """Any rank, degenerate, every kind of bound, columns from 1e-8 to 1e8, k = 0 and m = 1, too."""
@@ -63,7 +63,7 @@ def test_dense(case: Posed) -> None:
         assert solution.iterations <= 4 * (qp.k + 1), "far more directions than rows"
 
 
-@examples(300)
+@examples(150)
 @given(dense_qps(scaled_rows=True))
 def test_rows_of_any_size(case: Posed) -> None:
     """Rows from 1e-8 to 1e8 leave columns dependent to rounding: A x is lost, the signs are not."""
@@ -76,7 +76,7 @@ lows = st.sampled_from([-INF, -1e8, -1.0, -1e-8, 0.0])
 highs = st.sampled_from([0.0, 1e-8, 1.0, 1e8, INF])
 
 
-@examples(300)
+@examples(150)
 @given(st.data(), st.integers(1, 3), st.integers(0, 2))
 def test_tiny_with_extreme_numbers(data: st.DataObject, m: int, k: int) -> None:
     """k = 0, 1, 2 with every entry chosen, down to nothing at all; against the oracle."""

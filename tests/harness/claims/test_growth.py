@@ -233,7 +233,9 @@ def test_a_bad_plan_is_refused(fields: dict[str, object], complaint: str) -> Non
 
 @pytest.fixture(scope="module")
 def large(folder: Path) -> list[Recording]:
-    return [sequence(folder, "tower", 110), sequence(folder, "wall", 50)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(growth, "STEPS", 4)
+        return [sequence(folder, "tower", 110), sequence(folder, "wall", 50)]
 
 
 @pytest.mark.parametrize(
@@ -244,7 +246,7 @@ def test_large_qps_do_not_ask_a_package_for_less_than_rounding(
 ) -> None:
     """With tolerances that serve small QPs they went on to their caps, to the same answer."""
     for recording in large:
-        facts = [facts_of(qp) for qp in recording.qps[:4]]
+        facts = [facts_of(qp) for qp in recording.qps]
         posed = [f.qp.with_accuracy(f.asked("high")) for f in facts]
         outcomes, _ = run_pass(make_solver(solver), posed, arm="warm")
         for i, (qp, outcome, f) in enumerate(zip(posed, outcomes, facts, strict=True)):
@@ -257,9 +259,10 @@ def test_large_qps_do_not_ask_a_package_for_less_than_rounding(
             )
 
 
-def test_no_large_tower_is_called_unbounded(folder: Path) -> None:
+def test_no_large_tower_is_called_unbounded(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """OSQP and ProxQP took a tower of 500 boxes for an unbounded problem."""
-    qps = sequence(folder, "tower", 500).qps[:2]
+    monkeypatch.setattr(growth, "STEPS", 2)
+    qps = sequence(folder, "tower", 500).qps
     for solver in ("osqp", "proxqp"):
         outcomes, _ = run_pass(make_solver(solver), qps, arm="warm")
         assert [outcome.status for outcome in outcomes] == ["SOLVED", "SOLVED"]

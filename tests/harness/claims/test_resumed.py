@@ -52,7 +52,7 @@ def test_an_interrupted_campaign_continues(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    write_recording(Path("fig5.h5"), short_recording("fig5", 40))
+    write_recording(Path("fig5.h5"), short_recording("fig5", 24))
     output = tmp_path / name
     for constant, value in SMALLER.items():
         monkeypatch.setattr(constant, value)

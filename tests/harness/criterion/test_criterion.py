@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from math import inf, isnan, nan, sqrt
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from glambda.cli import app
 from harness.criterion.column_drift import compare, drift, effort, predicted_exponent
 from harness.criterion.cost_model import fit_growth
 from harness.criterion.criterion import moves, rule_runs
+from harness.criterion.examination import examination_claims
 from harness.criterion.factor_rules import (
     as_shipped,
     drive,
@@ -360,9 +361,14 @@ def test_growth_that_is_unknown_is_a_dash(tmp_path: Path) -> None:
     assert (tmp_path / "criterion_sweep.png").stat().st_size > 5000
 
 
-def test_the_command_prints_tables_and_writes_a_folder(tmp_path: Path) -> None:
+def test_the_command_prints_tables_and_writes_a_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    claims = partial(examination_claims, largest=4)
+    monkeypatch.setattr("harness.criterion.examination.examination_claims", claims)
+    monkeypatch.setattr("harness.criterion.kept_factors.LONGEST", 20)
     path = tmp_path / "fig5.h5"
-    write_recording(path, short_recording("fig5", 60))
+    write_recording(path, short_recording("fig5", 40))
     out = tmp_path / "out"
     result = CliRunner().invoke(app, ["criterion", str(path), "--repeats", "1", "-o", str(out)])
     assert result.exit_code == 0, result.output

@@ -409,9 +409,9 @@ def test_a_size_that_was_met_warm_only_is_left_out() -> None:
 
 def test_the_command_writes_the_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, out = tmp_path / "fig5.h5", tmp_path / "out"
-    write_recording(path, short_recording("fig5", 60))
-    monkeypatch.setattr("harness.criterion.kept_factors.LONGEST", 30)
-    claims = partial(examination_claims, largest=5)
+    write_recording(path, short_recording("fig5", 40))
+    monkeypatch.setattr("harness.criterion.kept_factors.LONGEST", 20)
+    claims = partial(examination_claims, largest=4)
     monkeypatch.setattr("harness.criterion.examination.examination_claims", claims)
     result = CliRunner().invoke(app, ["criterion", str(path), "--repeats", "1", "-o", str(out)])
     assert result.exit_code == 0, result.output

@@ -36,13 +36,21 @@ def client() -> Iterator[Any]:
         yield client
 
 
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
+    """The rows of a replay here."""
+    folder = tmp_path_factory.mktemp("home")
+    return replay(fake_recording(), SOLVERS, SETTINGS, ARMS, results=folder, **OPTIONS)
+
+
 def but_times(rows: pd.DataFrame) -> pd.DataFrame:
     return rows.drop(columns=list(BY_CLOCK))
 
 
-def test_a_cluster_gives_the_rows_of_a_replay_at_home(client: Any, tmp_path: Path) -> None:
+def test_a_cluster_gives_the_rows_of_a_replay_at_home(
+    client: Any, home: pd.DataFrame, tmp_path: Path
+) -> None:
     recording = fake_recording()
-    home = replay(recording, SOLVERS, SETTINGS, ARMS, results=tmp_path / "home", **OPTIONS)
     told: list[int] = []
     there = replay_on(
         client, [recording], SOLVERS, SETTINGS, ARMS, results=tmp_path / "there",
@@ -76,7 +84,9 @@ def test_jobs_for_accuracy_alone_make_one_pass(client: Any, tmp_path: Path) -> N
     assert set(rows["solver"]) == set(SOLVERS) and (rows["repeats"] == 1).all()
 
 
-def test_the_job_of_a_killed_worker_goes_to_another(client: Any, tmp_path: Path) -> None:
+def test_the_job_of_a_killed_worker_goes_to_another(
+    client: Any, home: pd.DataFrame, tmp_path: Path
+) -> None:
     recording = fake_recording()
     client.wait_for_workers(2, timeout=60)
     pids = client.run(os.getpid)
@@ -99,7 +109,6 @@ def test_the_job_of_a_killed_worker_goes_to_another(client: Any, tmp_path: Path)
         time.sleep(0.01)
     thread.join()
     assert killed and not failed
-    home = replay(recording, SOLVERS, SETTINGS, ARMS, results=tmp_path / "home", **OPTIONS)
     pd.testing.assert_frame_equal(but_times(read_results(tmp_path)), but_times(home))
     client.wait_for_workers(2, timeout=60)
     assert pids[killed] not in client.run(os.getpid).values()
