@@ -16,6 +16,7 @@ from harness.recordings.recording import Recording
 from harness.study.verify import ACCURATE_CLASS
 from problems.networks.run import NetworkRun
 from problems.qp import KINDS
+from problems.space.run import SpaceRun
 from reports.parts.terminal_table import terminal_table
 from reports.sections.protocol import proofs
 from solvers.registry import SolverInfo
@@ -135,6 +136,9 @@ def print_run(console: Console, run: Any) -> None:
     if isinstance(run, NetworkRun):
         _print_network(console, run)
         return
+    if isinstance(run, SpaceRun):
+        _print_space(console, run)
+        return
     _print_findings(console, run)
     last = run.trajectory.tail(run.q.shape[1])
     names = ["body", "x", "y", "phi", "vx", "vy", "omega"]
@@ -155,6 +159,19 @@ def _print_network(console: Console, run: NetworkRun) -> None:
             "",
             ("branch", ">current [A]", ">λ of its diode [V]"),
             ([name, f"{i:z.4f}", f"{lam:z.4f}"] for name, i, lam in last),
+        )
+    )
+
+
+def _print_space(console: Console, run: SpaceRun) -> None:
+    """Where each body is at the end, and how it moves."""
+    names = ("x", "y", "z", "vx", "vy", "vz", "wx", "wy", "wz")
+    last = np.hstack([run.poses[-1, :, :3], run.velocities[-1]])
+    console.print(
+        terminal_table(
+            "",
+            tuple(f">{name}" for name in ("body", *names)),
+            ([body, *(f"{v:z.4f}" for v in row)] for body, row in enumerate(last, start=1)),
         )
     )
 

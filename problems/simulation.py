@@ -1,4 +1,4 @@
-"""`simulate`: whatever a scene is made of, bodies or a network."""
+"""`simulate`: whatever a scene is made of, bodies of the plane or in space, or a network."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ from problems.networks.run import NetworkRun
 from problems.networks.stepper import simulate as simulate_network
 from problems.scenes.scene import Scene
 from problems.sequence import SolvesQPs
+from problems.space.run import SpaceRun
+from problems.space.scene import SpaceScene
+from problems.space.stepper import simulate as simulate_in_space
 from problems.stepping.run import Run
 from problems.stepping.stepper import simulate as simulate_bodies
 
@@ -17,12 +20,18 @@ from problems.stepping.stepper import simulate as simulate_bodies
 def simulate(scene: Scene, solver: SolvesQPs, **how: Any) -> Run: ...
 @overload
 def simulate(scene: Network, solver: SolvesQPs, **how: Any) -> NetworkRun: ...
-def simulate(scene: Scene | Network, solver: SolvesQPs, **how: Any) -> Run | NetworkRun:
+@overload
+def simulate(scene: SpaceScene, solver: SolvesQPs, **how: Any) -> SpaceRun: ...
+def simulate(
+    scene: Scene | Network | SpaceScene, solver: SolvesQPs, **how: Any
+) -> Run | NetworkRun | SpaceRun:
     """Simulate a scene with `solver` in the loop, to its end time or rest.
 
-    how : eps, until, keep_qps, progress and settings, see `problems.stepping.stepper.simulate` and
-        `problems.networks.stepper.simulate`
+    how : eps, until, keep_qps, progress and settings, see `problems.stepping.stepper.simulate`,
+        `problems.networks.stepper.simulate` and `problems.space.stepper.simulate`
     """
+    if isinstance(scene, SpaceScene):
+        return simulate_in_space(scene, solver, **how)
     if isinstance(scene, Network):
         return simulate_network(scene, solver, **how)
     return simulate_bodies(scene, solver, **how)

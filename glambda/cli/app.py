@@ -237,7 +237,7 @@ def main(
 
 
 def made_scene(label: str, settings: list[str] | None) -> Any:
-    """The scene, or network, that a command is told of: "fig4,mu_I=0.8" and its --set."""
+    """The scene, whatever it is of, that a command is told of: "fig4,mu_I=0.8" and its --set."""
     from problems import scene
     from problems.scenes.labels import parse_label, parse_settings
 
@@ -246,10 +246,11 @@ def made_scene(label: str, settings: list[str] | None) -> Any:
 
 
 def scene_of_bodies(label: str, settings: list[str] | None, remedy: str) -> Any:
-    """The same, of bodies.  Raises ValueError, with a remedy, for a network."""
+    """The same, of bodies in the plane.  Raises ValueError, with a remedy, for anything else."""
     from problems import Scene
 
     made = made_scene(label, settings)
     if not isinstance(made, Scene):
-        raise ValueError(f"{label} is a network, {remedy}")
+        kind = "in space" if hasattr(made, "solids") else "a network"
+        raise ValueError(f"{label} is {kind}, {remedy}")
     return made

@@ -24,8 +24,8 @@ def cases(
 ) -> None:
     """Are scenes with a known answer answered right?
 
-    Ramp, braking cube, mass ratios, masonry arch, cards, dominoes, overlap, and the networks: each
-    number beside the analytic one, in cases.md and cases.csv. With --foils, figures 4 and 5 as
+    Ramp, braking cube, mass ratios, masonry arch, cards, dominoes, overlap, the networks, and tops, boxes
+    and balls in space: each number beside the analytic one, in cases.md and cases.csv. With --foils, figures 4 and 5 as
     Cundall's springs and impulses by Newton and Coulomb have them, half a minute more. A folder
     that holds some of it already is continued.
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 
 import pandas as pd
 
-from harness.cases import bodies, linkages, networks
+from harness.cases import bodies, linkages, networks, space
 from harness.cases.bodies import Found
 from harness.results.claim import Claim, claim_over
 from problems.sequence import SolvesQPs
@@ -31,6 +31,8 @@ CASES: dict[str, Callable[[SolvesQPs], list[Found]]] = {
     "half_wave": networks.half_wave,
     "bridge": networks.bridge,
     "boost": networks.boost,
+    "free_top": space.free_top,
+    "heavy_top": space.heavy_top,
 }
 """Scene → what is measured of it."""
 

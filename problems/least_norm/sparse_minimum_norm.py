@@ -147,6 +147,8 @@ def generators(
         shape=(k, 2 * count + plain.size),
     )
     free = np.full(2 * count, np.inf)
-    names = np.concatenate([4 * row_id[normal] + 1, 4 * row_id[normal] + 2, 4 * row_id[plain]])
+    one_each = np.unique(normal).size == count  # in space a normal bears two frictions
+    cone = row_id[normal if one_each else friction]
+    names = np.concatenate([4 * cone + 1, 4 * cone + 2, 4 * row_id[plain]])
     bounds = np.append(np.zeros(2 * count), lower[plain]), np.append(free, upper[plain])
     return V, *bounds, names

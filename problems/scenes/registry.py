@@ -12,6 +12,7 @@ from typing import Any
 from problems.networks.network import Network
 from problems.registry import load, unknown, with_plug_ins
 from problems.scenes.scene import Scene
+from problems.space.scene import SpaceScene
 
 PAPER = {
     "fig2": "problems.scenes.fig2:fig2",
@@ -57,6 +58,16 @@ NETWORKS = {
     "boost": "problems.networks.boost:boost",
 }
 """Electrical networks with diodes: no bodies, the same QP (§6.2)."""
+SPACE = {
+    "free_top": "problems.space.scenes.top:free_top",
+    "heavy_top": "problems.space.scenes.top:heavy_top",
+    "slope": "problems.space.scenes.sliding:slope",
+    "skid": "problems.space.scenes.sliding:skid",
+    "bowl": "problems.space.scenes.sliding:bowl",
+    "space_tower": "problems.space.scenes.stacks:space_tower",
+    "space_pyramid": "problems.space.scenes.stacks:space_pyramid",
+}
+"""Bodies with six degrees of freedom (§6)."""
 CASES = {
     "ramp": "problems.scenes.cases.ramp:ramp",
     "braking": "problems.scenes.cases.braking:braking",
@@ -75,6 +86,7 @@ BY_KIND = {
     "wheels": WHEELS,
     "linkages": LINKAGES,
     "networks": NETWORKS,
+    "space": SPACE,
     "cases": CASES,
 }
 BUILT_IN = {name: target for scenes in BY_KIND.values() for name, target in scenes.items()}
@@ -119,7 +131,7 @@ def describe_scene(name: str) -> tuple[str, dict[str, Any]]:
 
 
 def scene(name: str, **parameters: Any) -> Any:
-    """Make the scene called `name`, a `Scene` or a `Network`.
+    """Make the scene called `name`, a `Scene`, a `Network` or a `SpaceScene`.
 
     Parameters left out have their defaults, which are the paper's in the paper's scenes.
 
@@ -137,7 +149,7 @@ def scene(name: str, **parameters: Any) -> Any:
         if parameters[key] > limits.get(key, math.inf):
             raise ValueError(f"scene {name!r}: {key} = {value}; it may be {limits[key]} at most")
     made = _maker(name)(**parameters)
-    if not isinstance(made, Scene | Network):
+    if not isinstance(made, Scene | Network | SpaceScene):
         raise ValueError(f"scene {name!r} made a {type(made).__name__}, not a problems.Scene")
     changed = {k: v for k, v in parameters.items() if v != defaults[k]}
     label = ",".join([name, *(f"{k}={changed[k]}" for k in defaults if k in changed)])

@@ -18,8 +18,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from problems.space.run import SpaceRun
 from reports.motions.motion import Array, Motion, frame_times, motion_of
 from reports.motions.network import animate_network, is_network, plot_network
+from reports.motions.space import animate_space, plot_space
 from reports.parts.style import BODIES, FAINT, INK, PAGE_WIDTH, PAPER, SOFT, drawing, save
 
 if TYPE_CHECKING:
@@ -82,10 +84,13 @@ def plot_scene(
     frames : how many pictures, spread over time and motion
     times : instead, the times wanted [s]; between accepted steps the motion is taken as linear
 
-    Of a network, its currents and voltages are drawn instead.
+    Of a network, its currents and voltages are drawn instead; of bodies in space, they are
+    seen from aside.
 
     Returns the path.  Raises ValueError where there is nothing to draw.
     """
+    if isinstance(source, SpaceRun):
+        return plot_space(source, path, frames=frames, times=times)
     if is_network(source):
         return plot_network(source, path)
     motion = motion_of(source)
@@ -178,6 +183,8 @@ def animate_scene(source: Any, path: str | Path, *, fps: int = 25, speed: float 
         raise ValueError(f"{path.name}: an animation is written as .gif")
     if not (fps > 0 and speed > 0):
         raise ValueError(f"fps = {fps} and speed = {speed} must be positive")
+    if isinstance(source, SpaceRun):
+        return animate_space(source, path, fps, speed)
     if is_network(source):
         return animate_network(source, path, fps)
     from matplotlib.animation import PillowWriter

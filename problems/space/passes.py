@@ -1,0 +1,306 @@
+"""The velocity step in space: its QP, repeated until friction and guess agree; and impulses.
+
+With momenta P = M v, M = M(q), and BDF as in the plane, a step of length h that ends at q_n solves
+
+    α₀ P_n = h (f_n + G λ_n) + b,    b = −Σ_{i≥1} α_i P_{n−i}
+    v_n = (h/α₀) D⁻¹ (A λ_n + d),    A = D⁻ᵀG,    d = D⁻ᵀ (f_n + b/h),    M_n = DᵀD
+
+so min ½‖A x + d‖² within the bounds is the QP (3.2) again.  Its `ContactQP.D` is 1: with D block
+diagonal it is posed for w = D v, whose mass matrix is the unit matrix, and w = (h/α₀) r.
+
+This differs from the paper: BDF is applied to P and not to v, because M is not constant.  The
+gyroscopic torque, which depends on v, then is the change of M, and (3.9) need not be repeated for
+it; what no force acts on keeps its momentum to rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple, final
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from problems.bodies.bodies import GROUND
+from problems.formulas.multistep import asked_accuracy
+from problems.friction.impulses import IMPULSE_ACCURACY
+from problems.least_norm.minimum_norm import minimum_norm
+from problems.qp import ContactQP, Vector
+from problems.sequence import QPSequence
+from problems.space.attitude import cross, rotations
+from problems.space.columns import Columns
+from problems.space.friction import BEYOND, Contact, State, cone, share_of
+from problems.space.motion import Mass, Pose
+from problems.space.scene import SpaceScene
+
+MAX_PASSES = 30
+"""Of a step; then it is taken as it is, and counted as unsettled."""
+AGREE = 1e-3
+"""Passes agree when they change ‖q̇‖_M by less than this much of ε, …"""
+AGREE_BOUND = 1e-6
+"""… and the bounds of friction by less than this much of the largest."""
+ROWS = 32
+"""Numbers that the rows of one contact, or generators of its impulse, have for their own."""
+CONE_FACES = 8
+"""Edges of the pyramid of impulses where friction has none of its own."""
+
+
+Mask = NDArray[np.bool_]
+
+
+class Moved(NamedTuple):
+    """What the QP of a step of length h [s] needs to know.
+
+    w : h over the last step, 0 where there is none
+    pose, mass : at its end;  b : (6n,) of momenta;  alpha0 : of BDF;  guess : (6n,) v at its end
+    """
+
+    t: float
+    h: float
+    w: float
+    pose: Pose
+    mass: Mass
+    b: Vector
+    alpha0: float
+    guess: Vector
+
+
+class VelocityStep(NamedTuple):
+    """v (6n,) at the end of a step, and what the contacts did.
+
+    lam : (N,) λ_N;  friction : (N, 3) forces [N];  reaction : (6n,) G λ, of pins too
+    settled : whether the passes agreed
+    """
+
+    v: Vector
+    lam: Vector
+    friction: Vector
+    reaction: Vector
+    settled: bool
+
+
+class Row(NamedTuple):
+    """A direction (3,) at a place (3,) of two bodies; of : the contact, −1 of a pin."""
+
+    row_id: int
+    of: int
+    is_normal: bool
+    direction: Vector
+    place: Vector
+    bodies: tuple[int, int]
+
+
+@final
+class Poser:
+    """Poses and solves the QPs of a scene."""
+
+    def __init__(self, scene: SpaceScene, qps: QPSequence, eps: float) -> None:
+        self.scene, self.qps, self.eps = scene, qps, eps
+        self.accuracy = asked_accuracy(eps, iterates=scene.mu > 0)
+        self.weight = np.zeros((len(scene.solids), 6))
+        self.weight[:, 2] = [-solid.mass * scene.gravity for solid in scene.solids]
+
+    # --- steps ---------------------------------------------------------------------------------
+
+    def step(self, contacts: Sequence[Contact], moved: Moved) -> VelocityStep:
+        """Solve the step; contacts know where they are at its end, and their states change."""
+        d = moved.mass.forced(self.weight.ravel() + moved.b / moved.h)
+        mu = np.array([contact.mu for contact in contacts])
+        radius = mu * np.array([contact.extrapolated(moved.w) for contact in contacts])
+        guess, pull = moved.guess, np.zeros((len(contacts), 3))
+        aims = np.ones(len(contacts), dtype=bool)
+        for number in range(1, MAX_PASSES + 1):
+            _aim(contacts, aims, moved.pose, guess, pull)
+            rows = [*self._pinned(moved.pose), *_rows(contacts, self.scene)]
+            columns = _columns(rows, moved.pose)
+            qp, x = self._solve(rows, columns, mu, radius, d, moved, number)
+            v = moved.mass.unscaled(moved.h / moved.alpha0 * qp.residual(x))
+            lam, friction = _forces(rows, x, len(contacts))
+            slides = any(contact.state is not State.STICKS for contact in contacts)
+            change = np.linalg.norm(moved.mass.scaled(v - guess)) if slides else 0.0
+            apart = np.abs(mu * lam - radius).max(initial=0.0)
+            settled = bool(
+                apart <= AGREE_BOUND * (mu * lam).max(initial=0.0) and change <= AGREE * self.eps
+            )
+            if settled and not self._revised(contacts, friction, radius):
+                break
+            aims = np.linalg.norm(friction, axis=1) >= radius - BEYOND * radius.max(initial=0.0)
+            radius, guess = mu * lam, v
+            pull = moved.h / moved.alpha0 * _compliance(qp, rows, len(contacts)) * friction
+        return VelocityStep(v, lam, friction, columns.force(x, len(self.scene.solids)), settled)
+
+    def _revised(self, contacts: Sequence[Contact], friction: Vector, radius: Vector) -> bool:
+        """Whether the state of any contact was wrong; polygons have no states."""
+        if self.scene.faces:
+            return False
+        slack = BEYOND * radius.max(initial=0.0)
+        triples = zip(contacts, friction, radius, strict=True)
+        verdicts = [contact.revise(force, bound, slack) for contact, force, bound in triples]
+        return any(verdicts)
+
+    def _solve(
+        self,
+        rows: Sequence[Row],
+        columns: Columns,
+        mu: Vector,
+        radius: Vector,
+        d: Vector,
+        moved: Moved,
+        number: int,
+    ) -> tuple[ContactQP, Vector]:
+        """The QP, and x of least norm, so that the next radius is unique."""
+        upper = np.array([
+            np.inf if row.of < 0 or row.is_normal else radius[row.of] * share_of(self.scene.faces)
+            for row in rows
+        ])  # fmt: skip
+        lower = np.where([row.is_normal for row in rows], 0.0, -upper)
+        qp, solution = self.qps.solve(
+            A=columns.scaled(moved.mass),
+            d=d,
+            lower=lower,
+            upper=upper,
+            row_id=np.array([row.row_id for row in rows], dtype=np.int64),
+            kind="step" if number == 1 else "corrector",
+            t=moved.t,
+            h=moved.h,
+            alpha0=moved.alpha0,
+            eps0=self.accuracy,
+        )
+        x = np.asarray(solution.x)
+        if mu.any():
+            x = minimum_norm(self.qps, qp, x, _coulomb(rows, mu, share_of(self.scene.faces)))
+        return qp, x
+
+    def _pinned(self, pose: Pose) -> list[Row]:
+        """Three rows of each pin, along the axes of the world."""
+        R = rotations(pose.attitudes)
+        return [
+            Row(ROWS * i + axis, -1, False, direction, place, (pin.body, GROUND))
+            for i, pin in enumerate(self.scene.pins)
+            for place in (pose.centres[pin.body] + R[pin.body] @ pin.point,)
+            for axis, direction in enumerate(np.eye(3))
+        ]
+
+    # --- impulses ------------------------------------------------------------------------------
+
+    def impulse(self, contacts: Sequence[Contact], pose: Pose, mass: Mass, v: Vector, t: float
+                ) -> Vector:  # fmt: skip
+        """v₊ (6n,) of (2.13), (2.14): a step with h = α₀ = 1, its cones posed by generators."""
+        rows = [*self._pinned(pose), *_impulse_rows(contacts, self.scene)]
+        columns, d = _columns(rows, pose), mass.scaled(v)
+        qp, solution = self.qps.solve(
+            A=columns.scaled(mass),
+            d=d,
+            lower=np.array([-np.inf if row.of < 0 else 0.0 for row in rows]),
+            upper=np.full(len(rows), np.inf),
+            row_id=np.array([row.row_id for row in rows], dtype=np.int64),
+            kind="impulse",
+            t=t,
+            eps0=IMPULSE_ACCURACY * max(1.0, float(np.linalg.norm(d))),
+        )
+        return mass.unscaled(qp.residual(np.asarray(solution.x)))
+
+
+def _rows(contacts: Sequence[Contact], scene: SpaceScene) -> list[Row]:
+    """Normals, then frictions."""
+    first, rows, rubbing = ROWS * len(scene.pins), [], []
+    for i, contact in enumerate(contacts):
+        number, point = first + ROWS * contact.number, contact.point
+        place, bodies = point.place, (point.a, point.b)
+        rows.append(Row(number, i, True, point.normal, place, bodies))
+        if contact.mu > 0:
+            rubbing += [
+                Row(number + slot, i, False, direction, place, bodies)
+                for slot, direction in enumerate(contact.directions(scene.faces), start=1)
+            ]
+    return rows + rubbing
+
+
+def _impulse_rows(contacts: Sequence[Contact], scene: SpaceScene) -> list[Row]:
+    """One of each generator, whose direction is no unit vector: the column is G V itself."""
+    first, faces = ROWS * len(scene.pins), scene.faces or CONE_FACES
+    return [
+        Row(first + ROWS * contact.number + slot, i, True, generator, point.place, bodies)
+        for i, contact in enumerate(contacts)
+        for point in (contact.point,)
+        for bodies in ((point.a, point.b),)
+        for slot, generator in enumerate(
+            cone(point.normal, scene.mu_I if contact.mu > 0 else 0.0, faces)
+        )
+    ]
+
+
+def _columns(rows: Sequence[Row], pose: Pose) -> Columns:
+    u, places = (np.array([row[i] for row in rows]).reshape(-1, 3) for i in (3, 4))
+    bodies = np.array([row.bodies for row in rows], dtype=np.int64).reshape(-1, 2)
+    return Columns.along(u, places, bodies, pose.centres)
+
+
+def _aim(contacts: Sequence[Contact], aims: Mask, pose: Pose, guess: Vector, pull: Vector) -> None:
+    """Directions of those that slide, by a guess of v; not where the last one was stopped.
+
+    pull : (N, 3) by how much the friction of the guess has changed the slip, or more.  Without it a
+    direction would be overturned by the force that it has itself brought about, where slow
+    """
+    turning = [i for i, contact in enumerate(contacts) if contact.slides and aims[i]]
+    if turning:
+        slip = slips([contacts[i] for i in turning], pose, guess)
+        for i, way in zip(turning, slip - pull[turning], strict=True):
+            contacts[i].aim(way)
+
+
+def _compliance(qp: ContactQP, rows: Sequence[Row], n: int) -> Vector:
+    """Bound (N, 1) of the slip that friction forces of size 1 bring about, by row sums of AᵀA."""
+    rubs = [j for j, row in enumerate(rows) if row.of >= 0 and not row.is_normal]
+    A, most = qp.A[:, rubs], np.zeros((n, 1))
+    sums = np.asarray(abs(A.T @ A).sum(axis=1)).ravel()
+    for j, total in zip(rubs, sums, strict=True):
+        most[rows[j].of] = max(most[rows[j].of, 0], total)
+    return most
+
+
+def slips(contacts: Sequence[Contact], pose: Pose, v: Vector) -> Vector:
+    """Velocities across the normals (N, 3) [m/s]."""
+    points = [contact.point for contact in contacts]
+    normals = np.array([point.normal for point in points]).reshape(-1, 3)
+    places = np.array([point.place for point in points]).reshape(-1, 3)
+    motions = np.vstack([v.reshape(-1, 6), np.zeros(6)])  # index −1: the ground
+    centres = np.vstack([pose.centres, np.zeros(3)])
+    relative = np.zeros_like(normals)
+    for sign, bodies in ((1.0, [point.a for point in points]), (-1.0, [p.b for p in points])):
+        turn = cross(motions[bodies, 3:], places - centres[bodies])
+        relative += sign * (motions[bodies, :3] + turn)
+    return relative - normals * np.sum(relative * normals, axis=1, keepdims=True)
+
+
+def gap_speeds(contacts: Sequence[Contact], pose: Pose, v: Vector) -> Vector:
+    """G_Nᵀ v (N,) [m/s]."""
+    if not contacts:
+        return np.zeros(0)
+    rows = [Row(0, 0, True, c.point.normal, c.point.place, (c.point.a, c.point.b))
+            for c in contacts]  # fmt: skip
+    return _columns(rows, pose).speeds(v)
+
+
+def _forces(rows: Sequence[Row], x: Vector, n: int) -> tuple[Vector, Vector]:
+    """λ_N (N,), at least 0, and friction forces (N, 3)."""
+    lam, friction = np.zeros(n), np.zeros((n, 3))
+    for row, value in zip(rows, x, strict=True):
+        if row.is_normal:
+            lam[row.of] = max(value, 0.0)
+        elif row.of >= 0:
+            friction[row.of] += value * row.direction
+    return lam, friction
+
+
+def _coulomb(rows: Sequence[Row], mu: Vector, share: float) -> sp.csr_array:
+    """Rows C with C x ≥ 0, first μ λ_N − x of each friction row, then μ λ_N + x."""
+    normal = {row.of: j for j, row in enumerate(rows) if row.is_normal}
+    rubs = [j for j, row in enumerate(rows) if row.of >= 0 and not row.is_normal]
+    n, of = len(rubs), [rows[j].of for j in rubs]
+    every, one = np.arange(2 * n), np.ones(n)
+    bears = np.tile([normal[i] for i in of], 2), np.tile(mu[of] * share, 2)
+    entries = np.concatenate([bears[1], -one, one])
+    where = np.tile(every, 2), np.concatenate([bears[0], rubs, rubs])
+    return sp.csr_array((entries, where), shape=(2 * n, len(rows)))
