@@ -24,10 +24,10 @@ def cases(
 ) -> None:
     """Are scenes with a known answer answered right?
 
-    Ramp, braking cube, mass ratios, masonry arch, cards, dominoes, overlap, the networks, and tops, boxes
-    and balls in space: each number beside the analytic one, in cases.md and cases.csv. With --foils, figures 4 and 5 as
-    Cundall's springs and impulses by Newton and Coulomb have them, half a minute more. A folder
-    that holds some of it already is continued.
+    Ramp, braking cube, mass ratios, masonry arch, cards, dominoes, overlap, joints and limits, the
+    networks, and tops, boxes and balls in space: each number beside the analytic one, in cases.md
+    and cases.csv. With --foils, figures 4 and 5 as Cundall's springs and impulses by Newton and
+    Coulomb have them, half a minute more. A folder that holds some of it already is continued.
 
     Example:  glambda cases arch cards -o cases
     """
