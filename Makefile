@@ -55,6 +55,9 @@ publish: study campaigns growth
 	$(BIN)/glambda closed-loop -o results/closed_loop
 	mkdir reports/published/closed_loop
 	cp results/closed_loop/closed_loop* reports/published/closed_loop
+	$(BIN)/glambda cases --foils -o results/cases
+	mkdir reports/published/cases
+	cp results/cases/cases* results/cases/foils* reports/published/cases
 	$(BIN)/glambda claims --slow -o results/claims
 	mkdir reports/published/claims
 	cp results/claims/claims.* reports/published/claims
