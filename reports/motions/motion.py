@@ -58,7 +58,7 @@ class Motion:
 
     def corners(self, pose: Array, body: int) -> list[Array]:
         """The parts of one body in the plane, each (c, 2) [m]; discs as polygons."""
-        return [_moved(pose[body], _outline(np.asarray(part))) for part in self.polygons[body]]
+        return [moved(pose[body], _outline(np.asarray(part))) for part in self.polygons[body]]
 
     def spring_ends(self, pose: Array) -> list[Array]:
         """Ends of each spring in the plane, (2, 2): its anchor, then the point that it holds."""
@@ -73,7 +73,7 @@ def _ends(link: Link, pose: Array) -> Array:
     places = ((link[2], link[3]), (link[0], link[1]))
     return np.stack(
         [
-            np.asarray(point, float) if body == GROUND else _moved(pose[body], np.asarray(point))
+            np.asarray(point, float) if body == GROUND else moved(pose[body], np.asarray(point))
             for body, point in places
         ]
     )
@@ -87,7 +87,7 @@ def _outline(part: Array) -> Array:
     return float(part[0, 0]) * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
-def _moved(pose: Array, points: Array) -> Array:
+def moved(pose: Array, points: Array) -> Array:
     """Points of a body, (…, 2), from its own coordinates into the plane."""
     x, y, phi = pose
     cos, sin = np.cos(phi), np.sin(phi)

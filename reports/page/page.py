@@ -1,6 +1,7 @@
 """The report: tables, figures and one page that stands alone.
 
     OUT/index.html          all inside: figures, style, a small script; no other address
+    OUT/player_*.html       each recorded scene in motion, step by step
     OUT/findings.md         what was found, in sentences
     OUT/tables/*.csv        the same tables, those of all settings in one
     OUT/figures/*.svg, *.png
@@ -25,12 +26,15 @@ import pandas as pd
 
 from harness.names import is_own
 from reports.motions.frames import plot_scene
+from reports.motions.network import is_network
+from reports.motions.player import write_player
 from reports.page.findings_page import findings_page
 from reports.page.headlines import facts, not_to_conclude, pooled, ranked_tables, short_answers
 from reports.page.page_figures import figure_markup
 from reports.parts.sentences import Answer, join
 from reports.parts.style import draw_files
 from reports.parts.table import Table, write_tables, write_text
+from reports.parts.templates import environment_of, inlined
 from reports.rows.comparison import compare
 from reports.rows.results import ARMS, METHOD, Results, load_results
 from reports.sections.certificates import (
@@ -119,7 +123,7 @@ class _Writer:
     def __init__(self, results: Results, out: Path) -> None:
         self.results = results
         self.made: list[Table] = []
-        self.figures = out / "figures"
+        self.out, self.figures = out, out / "figures"
 
     def table(self, table: Table) -> dict[str, Any]:
         """Keep a table for its file; returns what the template needs."""
@@ -134,25 +138,14 @@ class _Writer:
 
     def page(self, context: dict[str, Any]) -> str:
         """The whole page as text; context : everything that the template shows."""
-        from jinja2 import Environment, PackageLoader, StrictUndefined
         from markupsafe import Markup
 
-        environment = Environment(
-            loader=PackageLoader("reports"),
-            autoescape=True,
-            undefined=StrictUndefined,
-            trim_blocks=True,
-            lstrip_blocks=True,
-        )
+        environment = environment_of()
         for entry in _figures_in(context):
             entry["markup"] = Markup(entry["markup"])
         environment.filters["prose"] = prose
-        style, script = (
-            Markup(environment.get_template(f"page.{kind}").render()) for kind in ("css", "js")
-        )
-        page = environment.get_template("page.html.j2").render(
-            style=style, script=script, **context
-        )
+        texts = inlined(environment, style=["page.css"], script=["page.js"])
+        page = environment.get_template("page.html.j2").render(**texts, **context)
         return page + "\n"
 
     def context(self) -> dict[str, Any]:
@@ -207,7 +200,7 @@ class _Writer:
     def scene(self, scene: str) -> dict[str, Any]:
         """Frames and work over time of one scene, as far as they are stored."""
         results = self.results
-        entry: dict[str, Any] = {"label": scene, "frames": None, "work": None}
+        entry: dict[str, Any] = {"label": scene, "frames": None, "work": None, "player": None}
         recording = results.recordings.get(scene)
         if recording is not None and len(recording.t):
             entry["frames"] = self.figure(
@@ -215,6 +208,8 @@ class _Writer:
                 f"{scene}: the bodies at {_times(recording)}; the time stands under each frame.",
                 lambda path: plot_scene(recording, path),
             )
+            if not is_network(recording):
+                entry["player"] = self.player(scene, recording)
         if len(work_rows(results, scene)):
             threshold = thresholds(results).get(scene)
             entry["work"] = self.figure(
@@ -226,6 +221,15 @@ class _Writer:
                 lambda path: plot_work(results, scene, path, threshold=threshold),
             )
         return entry
+
+    def player(self, scene: str, recording: Any) -> str:
+        """Write the player of a scene; returns the name of its file."""
+        rows, results = self.results.rows, self.results
+        chosen = (rows["scene"] == scene) & (rows["settings"] == results.headline)
+        if results.headline is not None:
+            chosen &= rows["arm"] == sequence_arm(results)
+        path = self.out / f"player_{slug(scene)}.html"
+        return write_player(recording, path, rows[chosen], home="index.html#scenes").name
 
     def accuracy(self) -> dict[str, Any] | None:
         results = self.results
