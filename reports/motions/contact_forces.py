@@ -14,16 +14,15 @@ import numpy as np
 from problems.qp import FREE, NORMAL, TANGENT, ContactQP, Solution
 from reports.motions.motion import Array, moved
 
-PASSES = ("slides", "sticks", "impulse")
-"""States of a contact: no friction among the unknowns or at its bound; friction free; an impulse."""
 SLIDES, STICKS, IMPULSE = range(3)
+"""States of a contact: friction is no unknown, or at its bound; friction is free; an impulse."""
 
 
 class Force(NamedTuple):
     """On the body of the corner.
 
     body : its index;  at : (2,) [m];  force : (2,) [N], or [N s] of an impulse
-    state : place in `PASSES`
+    state : `SLIDES`, `STICKS` or `IMPULSE`
     """
 
     body: int

@@ -9,7 +9,6 @@ All of it is JSON in the page, rounded to `DIGITS`; `player.js` draws it.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from reports.motions.contact_forces import Force, forces, qps_of_frames
+from reports.motions.contact_forces import IMPULSE, Force, forces, qps_of_frames
 from reports.motions.frames import window_of
 from reports.motions.motion import Motion, frame_times, motion_of
 from reports.parts.style import BODIES
@@ -43,16 +42,21 @@ def write_player(
     Raises ValueError where the recording holds no steps.
     """
     data = player_data(recording, rows)
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     environment = environment_of()
     page = environment.get_template("player.html.j2").render(
         scene=data["scene"],
         home=home,
         left_out=data["left_out"],
+        aspect=_aspect(*data["window"]),
         **inlined(environment, style=["page.css", "player.css"], script=["player.js"]),
-        data=text,
+        data=data,
     )
     return write_text(Path(path), page + "\n")
+
+
+def _aspect(left: float, right: float, bottom: float, top: float) -> str:
+    """Of the picture: that of the window, neither very flat nor very high."""
+    return f"{min(max((right - left) / (top - bottom), 1.0), 4.0):.3g}"
 
 
 def player_data(recording: Any, rows: pd.DataFrame | None = None) -> dict[str, Any]:
@@ -68,7 +72,9 @@ def player_data(recording: Any, rows: pd.DataFrame | None = None) -> dict[str, A
         "colours": BODIES,
         "window": _short([window.left, window.right, window.bottom, window.top]),
         "parts": [[_short(part) for part in parts] for parts in motion.polygons],
-        "springs": [[int(b), *_short(point), *_short(anchor)] for b, point, anchor in motion.springs],
+        "springs": [
+            [int(b), *_short(point), *_short(anchor)] for b, point, anchor in motion.springs
+        ],
         "ground": [_short([*point, *normal]) for point, normal in motion.ground],
         "t": [float(t) for t in motion.t[kept]],
         "q": [_short(q.ravel()) for q in motion.q[kept]],
@@ -109,7 +115,7 @@ def _largest(found: Sequence[Sequence[Force]]) -> list[float]:
     """Forces and impulses that are drawn with the longest arrow: few are larger."""
     sizes: list[list[float]] = [[], []]
     for force in (each for frame in found for each in frame):
-        sizes[force.state == 2].append(float(np.hypot(*force.force)))
+        sizes[force.state == IMPULSE].append(float(np.hypot(*force.force)))
     return [float(np.percentile(each, 98)) or 1.0 if each else 1.0 for each in sizes]
 
 

@@ -54,6 +54,7 @@ from reports.sections.findings import (
     which_method,
 )
 from reports.sections.forms import form_rows, forms_answer, forms_tables, plot_forms
+from reports.sections.live_profile import live_profile
 from reports.sections.outside import (
     answers_table,
     outside_answer,
@@ -89,6 +90,7 @@ from reports.sections.thresholds import (
 )
 from reports.sections.warm_worth import change_table, split_table
 from reports.sections.work import plot_work, work_rows
+from reports.sections.worst import worst_table
 
 LONG = 60
 """Characters from which the text of a cell may be broken into lines."""
@@ -144,7 +146,9 @@ class _Writer:
         for entry in _figures_in(context):
             entry["markup"] = Markup(entry["markup"])
         environment.filters["prose"] = prose
-        texts = inlined(environment, style=["page.css"], script=["page.js"])
+        texts = inlined(
+            environment, style=["page.css"], script=["page.js", "worst.js", "profile.js"]
+        )
         page = environment.get_template("page.html.j2").render(**texts, **context)
         return page + "\n"
 
@@ -172,6 +176,8 @@ class _Writer:
             "short": short_answers(results, rows),
             "cautions": not_to_conclude(results, rows),
             "ranked": [self.table(table) for table in ranked_tables(results, rows)],
+            "worst": self.worst(),
+            "times": live_profile(rows),
             "scenes": results.scenes,
             "answers": [answer for answer in candidates if answer is not None],
             "missing": results.missing,
@@ -196,6 +202,12 @@ class _Writer:
         context["contents"] = _contents(context)
         context["anchors"] = [anchor for anchor, _ in context["contents"]]
         return context
+
+    def worst(self) -> dict[str, Any]:
+        """The worst QPs as the page's script shows them."""
+        table = worst_table(self.results)
+        self.made.append(table)
+        return {"rows": table.display().to_numpy().tolist()}
 
     def scene(self, scene: str) -> dict[str, Any]:
         """Frames and work over time of one scene, as far as they are stored."""

@@ -105,6 +105,7 @@ function drawForce(to, [, x, y, fx, fy, state]) {
   pen.translate(px, py);
   pen.rotate(angle);
   pen.lineWidth = 2 * devicePixelRatio;
+  pen.setLineDash(state === 0 ? [5 * devicePixelRatio, 3 * devicePixelRatio] : []);
   path([[0, 0], [length - tip, 0]], false);
   pen.stroke();
   path([[length, 0], [length - tip, tip / 2], [length - tip, -tip / 2]]);
@@ -215,7 +216,7 @@ function play(on) {
   if (on && frame === last) goTo(data.t[0]);
   const starts = on && !playing;
   playing = on;
-  part("play").textContent = on ? "⏸ pause" : "▶ play";
+  part("play").textContent = on ? "‖ pause" : "▶ play";
   if (!starts) return;
   before = performance.now();
   requestAnimationFrame(tick);
