@@ -17,7 +17,10 @@ def report(
     results: Annotated[Path, typer.Argument(help="results folder")],
     output: Annotated[Path, typer.Option("-o", "--output", help="folder")] = Path("report"),
 ) -> None:
-    """Write tables, figures and one self-contained page from stored results.
+    """Write tables, figures and the pages of stored results, linked with one another.
+
+    The page of the study stands alone. Beside it stand a player of each recorded scene, and a page
+    of every other command that has its results in a folder under RESULTS (-o results/growth).
 
     Example:  glambda report results -o report
     """

@@ -2,6 +2,7 @@
 
     OUT/index.html          all inside: figures, style, a small script; no other address
     OUT/player_*.html       each recorded scene in motion, step by step
+    OUT/*/index.html        pages of what other commands stored (`reports.page.site`)
     OUT/findings.md         what was found, in sentences
     OUT/tables/*.csv        the same tables, those of all settings in one
     OUT/figures/*.svg, *.png
@@ -31,6 +32,7 @@ from reports.motions.player import write_player
 from reports.page.findings_page import findings_page
 from reports.page.headlines import facts, not_to_conclude, pooled, ranked_tables, short_answers
 from reports.page.page_figures import figure_markup
+from reports.page.site import Site, write_site
 from reports.parts.sentences import Answer, join
 from reports.parts.style import draw_files
 from reports.parts.table import Table, write_tables, write_text
@@ -102,13 +104,16 @@ def write_report(results_dir: str | Path, out_dir: str | Path) -> Path:
     What the folder does not hold is said on the page.  Raises ValueError where the folder is not
     there, holds nothing, or holds solves that must not stand in one table.
     """
-    results = load_results(results_dir)
-    return report(results, Path(out_dir))
+    results, out = load_results(results_dir), Path(out_dir)
+    return report(results, out, write_site(Path(results_dir), out))
 
 
-def report(results: Results, out: Path) -> Path:
-    """Write the report of results that were read already."""
-    writer = _Writer(results, out)
+def report(results: Results, out: Path, site: Site | None = None) -> Path:
+    """Write the report of results that were read already.
+
+    site : the pages beside it (`reports.page.site.write_site`)
+    """
+    writer = _Writer(results, out, site or Site())
     context = writer.context()
     tables = write_tables(out / "tables", writer.made)
     told = {name: context[name] for name in ("lead", "answers", "missing", "unflattering")}
@@ -122,8 +127,8 @@ class _Writer:
     made : the tables that have a file
     """
 
-    def __init__(self, results: Results, out: Path) -> None:
-        self.results = results
+    def __init__(self, results: Results, out: Path, site: Site) -> None:
+        self.results, self.site = results, site
         self.made: list[Table] = []
         self.out, self.figures = out, out / "figures"
 
@@ -176,6 +181,7 @@ class _Writer:
             "short": short_answers(results, rows),
             "cautions": not_to_conclude(results, rows),
             "ranked": [self.table(table) for table in ranked_tables(results, rows)],
+            "site": self.site,
             "worst": self.worst(),
             "times": live_profile(rows),
             "scenes": results.scenes,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -96,7 +97,7 @@ def opened(browser: Browser, page: Path) -> None:
     browser.open(page)
     browser("document.querySelectorAll('details').forEach((part) => { part.open = true; })")
     browser("document.getElementById('profile').scrollIntoView({behavior: 'instant'})")
-    browser("new Promise((done) => setTimeout(done, 200))")
+    time.sleep(0.3)  # until it is seen
 
 
 def test_the_profile_is_drawn_again_for_who_is_ticked(page: Path, browser: Browser) -> None:
