@@ -79,7 +79,9 @@ def _force(
     normal = next((d for d, c in zip(directions.T, columns, strict=True)
                    if qp.feature[c, 4] == NORMAL), np.zeros(2))  # fmt: skip
     at = _corner(polygons[body], corner, pose[body], normal)
-    return Force(body, at, directions @ solution.x[columns], _state(qp, solution, columns))
+    return Force(
+        body, at, directions @ np.asarray(solution.x)[columns], _state(qp, solution, columns)
+    )
 
 
 def _corner(parts: Sequence[Array], corner: int, pose: Array, normal: Array) -> Array:

@@ -18,7 +18,7 @@ import pandas as pd
 
 from reports.motions.contact_forces import IMPULSE, Force, forces, qps_of_frames
 from reports.motions.frames import window_of
-from reports.motions.motion import Motion, frame_times, motion_of
+from reports.motions.motion import Link, Motion, frame_times, motion_of
 from reports.parts.style import BODIES
 from reports.parts.table import write_text
 from reports.parts.templates import environment_of, inlined
@@ -72,9 +72,8 @@ def player_data(recording: Any, rows: pd.DataFrame | None = None) -> dict[str, A
         "colours": BODIES,
         "window": _short([window.left, window.right, window.bottom, window.top]),
         "parts": [[_short(part) for part in parts] for parts in motion.polygons],
-        "springs": [
-            [int(b), *_short(point), *_short(anchor)] for b, point, anchor in motion.springs
-        ],
+        "springs": _ends(motion.springs),
+        "bars": _ends(motion.bars),
         "ground": [_short([*point, *normal]) for point, normal in motion.ground],
         "t": [float(t) for t in motion.t[kept]],
         "q": [_short(q.ravel()) for q in motion.q[kept]],
@@ -84,6 +83,11 @@ def player_data(recording: Any, rows: pd.DataFrame | None = None) -> dict[str, A
         "events": [[float(e.t), str(e.kind), str(e.detail)] for e in recording.events],
         **_work(rows, numbers),
     }
+
+
+def _ends(links: Sequence[Link]) -> list[list[float]]:
+    """Body, point, other body, −1 for the ground, and anchor of what connects two points."""
+    return [[body, *_short(point), other, *_short(anchor)] for body, point, other, anchor in links]
 
 
 def _kept(steps: int, bodies: int) -> np.ndarray:

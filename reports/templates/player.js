@@ -83,11 +83,18 @@ function drawBody(to, body, [x, y, phi]) {
   pen.fillText(body + 1, ...to.at(x, y));
 }
 
-function drawSpring(to, [body, a, b, ax, ay], q) {
+// A point of a body in the plane; the ground is body -1.
+function placed(q, body, a, b) {
+  if (body < 0) return [a, b];
   const [x, y, phi] = q.slice(3 * body, 3 * body + 3);
   const cos = Math.cos(phi), sin = Math.sin(phi);
-  path([to.at(ax, ay), to.at(x + cos * a - sin * b, y + sin * a + cos * b)], false);
-  pen.strokeStyle = ink.soft;
+  return [x + cos * a - sin * b, y + sin * a + cos * b];
+}
+
+function drawLink(to, [body, a, b, other, c, d], q, stroke) {
+  path([to.at(...placed(q, other, c, d)), to.at(...placed(q, body, a, b))], false);
+  pen.strokeStyle = stroke;
+  pen.lineCap = "round";
   pen.stroke();
 }
 
@@ -121,8 +128,10 @@ function drawPicture() {
   pen.textAlign = "center";
   pen.textBaseline = "middle";
   drawGround(to);
-  for (const spring of data.springs) drawSpring(to, spring, q);
+  for (const spring of data.springs) drawLink(to, spring, q, ink.soft);
   for (let body = 0; body < data.parts.length; body++) drawBody(to, body, q.slice(3 * body, 3 * body + 3));
+  pen.lineWidth = 3 * devicePixelRatio;
+  for (const bar of data.bars) drawLink(to, bar, q, ink.ink);
   for (const force of data.forces[frame]) drawForce(to, force);
 }
 
