@@ -33,6 +33,11 @@ CASES: dict[str, Callable[[SolvesQPs], list[Found]]] = {
     "boost": networks.boost,
     "free_top": space.free_top,
     "heavy_top": space.heavy_top,
+    "slope": space.slope,
+    "skid": space.skid,
+    "bowl": space.bowl,
+    "space_tower": space.space_tower,
+    "space_pyramid": space.space_pyramid,
 }
 """Scene → what is measured of it."""
 

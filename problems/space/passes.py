@@ -169,8 +169,32 @@ class Poser:
         )
         x = np.asarray(solution.x)
         if mu.any():
-            x = minimum_norm(self.qps, qp, x, _coulomb(rows, mu, share_of(self.scene.faces)))
+            within = np.abs(x) < upper - BEYOND * radius.max(initial=0.0)
+            x = self._least(qp, x, rows, mu * share_of(self.scene.faces), within)
         return qp, x
+
+    def _least(
+        self, qp: ContactQP, x: Vector, rows: Sequence[Row], mu: Vector, within: Mask
+    ) -> Vector:
+        """x of least norm with the same A x; those at their bounds keep what they are.
+
+        They slide, and the bound is lagged: the λ_N of their own QP may be just too small for it.
+        within : (k,) which x are not at their bounds
+        """
+        kept = [row for row, free in zip(rows, within, strict=True) if free]
+        part = ContactQP(
+            qp.A[:, within],
+            qp.d,
+            qp.lower[within],
+            qp.upper[within],
+            row_id=qp.row_id[within],
+            t=qp.t,
+            h=qp.h,
+            alpha0=qp.alpha0,
+        )
+        least = x.copy()
+        least[within] = minimum_norm(self.qps, part, x[within], _coulomb(kept, mu))
+        return least
 
     def _pinned(self, pose: Pose) -> list[Row]:
         """Three rows of each pin, along the axes of the world."""
@@ -294,13 +318,13 @@ def _forces(rows: Sequence[Row], x: Vector, n: int) -> tuple[Vector, Vector]:
     return lam, friction
 
 
-def _coulomb(rows: Sequence[Row], mu: Vector, share: float) -> sp.csr_array:
+def _coulomb(rows: Sequence[Row], mu: Vector) -> sp.csr_array:
     """Rows C with C x ≥ 0, first μ λ_N − x of each friction row, then μ λ_N + x."""
     normal = {row.of: j for j, row in enumerate(rows) if row.is_normal}
     rubs = [j for j, row in enumerate(rows) if row.of >= 0 and not row.is_normal]
     n, of = len(rubs), [rows[j].of for j in rubs]
     every, one = np.arange(2 * n), np.ones(n)
-    bears = np.tile([normal[i] for i in of], 2), np.tile(mu[of] * share, 2)
+    bears = np.tile([normal[i] for i in of], 2), np.tile(mu[of], 2)
     entries = np.concatenate([bears[1], -one, one])
     where = np.tile(every, 2), np.concatenate([bears[0], rubs, rubs])
     return sp.csr_array((entries, where), shape=(2 * n, len(rows)))

@@ -10,8 +10,8 @@ One step from t_{n−1} to t_n:
     4. contacts that separate faster than `drop_tol` leave
 
 This differs from the plane's: where a slip ends, the contact sticks from the end of that step on,
-which is not cut (the plane's ``stops="held"``); a contact that loses its support is noticed at the
-end of a step.
+which is not cut (the plane's ``stops="held"``), and the integration restarts; a contact that loses
+its support is noticed at the end of a step.
 """
 
 from __future__ import annotations
@@ -308,13 +308,13 @@ class SpaceStepper:
         self.h, self.steps, self.standstill = moved.h, self.steps + 1, 0
         self.counts["steps"] += 1
         self.counts["unsettled"] += not step.settled
-        self._tell_of_friction(trial)
+        stopped = self._tell_of_friction(trial)
         for contact, lam in zip(trial.contacts, step.lam.tolist(), strict=True):
             contact.bore(lam)
         lonely = self._change_contacts(trial)
         self._record(step.reaction)
         self._drop_separating()
-        if lonely:
+        if stopped or lonely:
             self._restart()
 
     def _change_contacts(self, trial: Trial) -> bool:
@@ -328,14 +328,17 @@ class SpaceStepper:
         pairs = {contact.point.key[:2] for contact in trial.contacts}
         return any(contact.point.key[:2] not in pairs for contact in trial.lost)
 
-    def _tell_of_friction(self, trial: Trial) -> None:
-        """Events of friction; who has begun to slide slides on."""
+    def _tell_of_friction(self, trial: Trial) -> bool:
+        """Events of friction; who has begun to slide slides on.  Whether any has stopped."""
+        stopped = False
         for contact, (before, _) in zip(trial.contacts, trial.states, strict=True):
             if contact.state is State.BEGINS:
                 contact.state = State.SLIDES
             if contact.state is not before:
-                stuck = contact.state is State.STICKS
-                self._log("slip_to_stick" if stuck else "stick_to_slip", contact.point)
+                sticks = contact.state is State.STICKS
+                stopped |= sticks
+                self._log("slip_to_stick" if sticks else "stick_to_slip", contact.point)
+        return stopped
 
     def _allowed(self, a: Vector, moved: Moved) -> float:
         """The step that (3.5) allows next [s]."""

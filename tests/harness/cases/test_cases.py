@@ -37,20 +37,23 @@ BOUNDS = {
     "half_wave": 1e-4,
     "bridge": 1e-3,
     "boost": 0.05,
-    "free_top": 5e-4,
     "heavy_top": 1e-3,
+    "skid": 2e-3,
+    "bowl": 1e-4,
 }
 """Largest error of each case, in the unit of its numbers."""
+ELSEWHERE = {"free_top", "slope", "space_tower", "space_pyramid"}
+"""Cases that take long, and are held by tests/problems/space."""
 
 
 @pytest.fixture(scope="module")
 def rows() -> pd.DataFrame:
     solver = make_solver("glambda")
-    parts = [pd.DataFrame(measured(solver)).assign(case=case) for case, measured in CASES.items()]
+    parts = [pd.DataFrame(CASES[case](solver)).assign(case=case) for case in BOUNDS]
     return pd.concat(parts, ignore_index=True)
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", BOUNDS)
 def test_numbers_are_those_that_are_known(case: str, rows: pd.DataFrame) -> None:
     part = rows[rows["case"] == case]
     assert len(part)
@@ -59,7 +62,7 @@ def test_numbers_are_those_that_are_known(case: str, rows: pd.DataFrame) -> None
 
 def test_the_method_is_of_second_order_where_that_can_be_seen(rows: pd.DataFrame) -> None:
     seen = rows["order"].dropna()
-    assert len(seen) == 16
+    assert len(seen) == 14
     assert (seen > 1.9).all() and (seen < 2.5).all()  # the crank's error passes through 0
 
 
@@ -76,6 +79,7 @@ def test_a_bracket_that_encloses_nothing_gives_no_threshold() -> None:
 def test_the_scenes_are_listed_and_other_engines_can_read_them() -> None:
     listed = scene_kinds()["cases"]
     kinds = scene_kinds()
+    assert {*BOUNDS, *ELSEWHERE} == set(CASES)
     others = {*kinds["networks"], *kinds["linkages"], *kinds["space"]}
     assert set(listed) < set(CASES) and set(CASES) - set(listed) < others
     for name in listed:
