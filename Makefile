@@ -29,8 +29,6 @@ quick: $(INSTALLED)
 	$(BIN)/glambda study --quick
 
 publish: study campaigns growth
-	find reports/published -mindepth 1 -maxdepth 1 ! -name peers -exec rm -rf {} +
-	$(BIN)/glambda report results -o reports/published
 	$(BIN)/glambda record tower --set bodies=150 --until 0.3 --overwrite -o results/families
 	$(BIN)/glambda record wall --set bodies=200 --until 0.3 --overwrite -o results/families
 	$(BIN)/glambda record pyramid --set bodies=105 --until 0.3 --overwrite -o results/families
@@ -38,29 +36,14 @@ publish: study campaigns growth
 	$(BIN)/glambda record tower --set bodies=40 --set mu=0.5 --until 0.3 --overwrite -o results/families
 	$(BIN)/glambda record wall --set bodies=12 --set mu=0.3 --until 0.1 --overwrite -o results/families
 	$(BIN)/glambda criterion $(SCENES) results/families/*.h5 -o results/criterion
-	mkdir reports/published/criterion
-	cp results/criterion/criterion* reports/published/criterion
-	mkdir reports/published/growth reports/published/growth_piles
-	cp results/growth/growth* reports/published/growth
-	cp results/growth_piles/growth* reports/published/growth_piles
 	$(BIN)/glambda stability -o results/stability
-	mkdir reports/published/stability
-	cp results/stability/stability* reports/published/stability
 	$(BIN)/glambda painleve -o results/painleve
-	mkdir reports/published/painleve
-	cp results/painleve/painleve* reports/published/painleve
 	$(BIN)/glambda convergence -o results/convergence
-	mkdir reports/published/convergence
-	cp results/convergence/convergence* reports/published/convergence
 	$(BIN)/glambda closed-loop -o results/closed_loop
-	mkdir reports/published/closed_loop
-	cp results/closed_loop/closed_loop* reports/published/closed_loop
 	$(BIN)/glambda cases --foils -o results/cases
-	mkdir reports/published/cases
-	cp results/cases/cases* results/cases/foils* reports/published/cases
 	$(BIN)/glambda claims --slow -o results/claims
-	mkdir reports/published/claims
-	cp results/claims/claims.* reports/published/claims
+	find reports/published -mindepth 1 -maxdepth 1 ! -name peers -exec rm -rf {} +
+	$(BIN)/glambda report results -o reports/published
 	COLUMNS=110 $(BIN)/python benchmarks/steps.py > reports/published/steps.txt
 	COLUMNS=110 $(BIN)/python -m tests.endurance.processors > reports/published/processors.txt
 	find reports/published -name '*.svg' -delete
@@ -81,9 +64,8 @@ peers: $(INSTALLED)
 	$(BIN)/glambda peers --limit 5 -o results/peers \
 	  --engines glambda,pymunk,box2d,box2d3,mujoco,dart,drake
 	rm -rf reports/published/peers
-	mkdir -p reports/published/peers
-	cp results/peers/peers* reports/published/peers
-	rm reports/published/peers/*.svg
+	$(BIN)/glambda report results -o reports/published
+	find reports/published -name '*.svg' -delete
 
 growth: $(INSTALLED)
 	$(BIN)/glambda growth --limit 0.2 -o results/growth

@@ -18,6 +18,7 @@ from glambda.cli import simulation  # noqa: F401
 from glambda.cli import watching  # noqa: F401
 from glambda.cli import graph  # noqa: F401
 from glambda.cli import gallery  # noqa: F401
+from glambda.cli import playing  # noqa: F401
 from glambda.cli import replays  # noqa: F401
 from glambda.cli import stretching  # noqa: F401
 from glambda.cli import disturbing  # noqa: F401

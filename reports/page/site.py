@@ -20,6 +20,7 @@ from reports.parts.table import write_text
 from reports.parts.templates import environment_of, inlined
 
 COMMANDS = {
+    "cases": "cases",
     "claims": "claims",
     "closed_loop": "closed-loop",
     "convergence": "convergence",
@@ -39,6 +40,11 @@ class Leaf(NamedTuple):
 
     name: str
     title: str
+
+    @property
+    def label(self) -> str:
+        """Its folder in words: short, and no other page has it."""
+        return self.name.replace("_", " ")
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ function drawAxes(svg) {
   }
   for (const factor of [1, 2, 5, 10, 50, 100, 1000]) {
     const x = across((Math.log(factor) / Math.log(FARTHEST)) * BINS);
-    draw("text", { x, y: HIGH - FOOT + 18, "text-anchor": "middle" }, svg, `${factor}×`);
+    draw("text", { x, y: HIGH - FOOT + 18, "text-anchor": factor === FARTHEST ? "end" : "middle" }, svg, `${factor}×`);
   }
 }
 

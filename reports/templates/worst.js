@@ -16,8 +16,8 @@ function tellQps(box, solver, rows) {
   element("h2", `${solver}: its worst QPs`, box);
   for (const row of rows) {
     const [, scene, qp, setting, arm, verdict, error, bound, status, command] = row;
-    const said = `${scene}, QP ${qp}, ${setting}, ${arm}: ${verdict}. Error ${error}, bound ${bound}` +
-      ` of the accuracy asked.${status ? ` It says: ${status}` : ""}`;
+    const said = `${scene}, QP ${qp}, ${setting}, ${arm}: ${verdict}. Error ${error} and bound ${bound}` +
+      ` times the accuracy asked.${status ? ` Status: ${status}.` : ""}`;
     element("p", said, box);
     element("pre", command, box);
   }

@@ -11,7 +11,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from glambda.cli import app
+from harness.recordings.recording import write_recording
 from problems.qp import AT_UPPER, FREE, ContactQP, Solution, Status
 from problems.stepping.run import Event
 from reports.motions.contact_forces import IMPULSE, SLIDES, STICKS, forces, qps_of_frames
@@ -131,6 +134,19 @@ def test_a_name_cannot_break_the_page(recording, tmp_path: Path) -> None:
     text = write_player(odd, tmp_path / "odd.html").read_text(encoding="utf-8")
     (inside,) = re.findall(r'type="application/json">(.*?)</script>', text)
     assert json.loads(inside)["events"] == [[0.1, "impulse", "</script><b>"]]
+
+
+def test_the_command_plays_a_recording_and_refuses_a_wrong_suffix(
+    recording, tmp_path: Path
+) -> None:
+    write_recording(tmp_path / "fig2.h5", recording)
+    command = ["play", str(tmp_path / "fig2.h5"), "-o"]
+    done = CliRunner().invoke(app, [*command, str(tmp_path / "p.html")])
+    assert done.exit_code == 0, done.output
+    text = (tmp_path / "p.html").read_text(encoding="utf-8")
+    assert "to the report" not in text and '"scene":"fig2"' in text
+    refused = CliRunner().invoke(app, [*command, str(tmp_path / "p.pdf")])
+    assert refused.exit_code == 2 and not (tmp_path / "p.pdf").exists()
 
 
 @pytest.fixture(scope="module")
