@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -10,6 +12,7 @@ from problems.qp import ContactQP, Vector
 ROUNDING = 32 * float(np.finfo(np.float64).eps)
 
 
+@lru_cache(maxsize=512)
 def force_scale(qp: ContactQP) -> float:
     """‖A A⁺ d‖, the part of d that contact forces can change; 1 where it vanishes."""
     if qp.k == 0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import fields, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -76,8 +77,11 @@ def name(request: pytest.FixtureRequest) -> str:
     return installed(request.param)
 
 
+known = cache(describe)
+
+
 def installed(name: str) -> str:
-    info = describe(name)
+    info = known(name)
     if not info.available:
         pytest.skip(f"{name} is absent: {info.reason}")
     return name
@@ -91,6 +95,7 @@ def tolerance(name: str) -> float:
     return TOLERANCE[name in ACCURATE]
 
 
+@cache
 def cases(kind: str, seeds: range = SEEDS) -> list[Case]:
     return [random_qp(kind, seed) for seed in seeds]
 
