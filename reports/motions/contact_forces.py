@@ -75,7 +75,8 @@ def _force(
     body, corner = place[:2]
     rows = slice(3 * body, 3 * body + 2)
     part = qp.A[rows][:, columns]
-    directions = qp.D[rows, None] * (part if isinstance(part, np.ndarray) else part.toarray())
+    dense = part if isinstance(part, np.ndarray) else part.toarray()
+    directions = np.asarray(qp.D)[rows, None] * dense
     normal = next((d for d, c in zip(directions.T, columns, strict=True)
                    if qp.feature[c, 4] == NORMAL), np.zeros(2))  # fmt: skip
     at = _corner(polygons[body], corner, pose[body], normal)

@@ -2,7 +2,7 @@
 const BINS = 240, FARTHEST = 1000;  // of the factor, evenly in its logarithm
 const WIDE = 720, HIGH = 320, LEFT = 44, FOOT = 34;
 const FACTORS = [1, 2, 5, 10, 100];
-const SVG = "http://www.w3.org/2000/svg";
+const SVG = new DOMParser().parseFromString("<svg></svg>", "text/html").querySelector("svg").namespaceURI;
 
 // For each backend its counts of QPs by factor: the share within any factor is a sum of them.
 function shares(times, chosen, qps) {
