@@ -108,6 +108,8 @@ def _forces(recording: Any, motion: Motion, frame: int, number: int) -> list[For
     if number < 0:
         return []
     qp, solution = recording.qps[number], recording.solutions[number]
+    if solution.x is None:  # the solver gave no answer
+        return []
     return forces(qp, solution, motion.q[frame], recording.polygons)
 
 
