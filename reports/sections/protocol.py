@@ -22,7 +22,7 @@ from reports.rows.results import ARMS, DISTURBED, Results
 
 RUN_OPTIONS = (
     *("eps", "until", "fixed_step", "stops", "friction", "impulses"),
-    *("drop_tol", "drift", "drift_time"),
+    *("restitution", "drop_tol", "drift", "drift_time"),
 )
 """Options of `glambda record` about how a scene is run."""
 UNKNOWN = object()

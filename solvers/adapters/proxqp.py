@@ -127,6 +127,7 @@ class ProxQP(ProgramSolver):
         if settings.max_iter < self.max_iterations and solver.results.info.status == _EXHAUSTED:
             settings.max_iter = self.max_iterations
             settings.initial_guess = proxqp.InitialGuess.NO_INITIAL_GUESS
+            solver.init(*native.arrays[0])  # `solve` alone keeps penalties of the run that failed
             solver.solve()
 
     def outcome(self, native: Native, result: Any) -> Outcome:

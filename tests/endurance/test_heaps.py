@@ -123,4 +123,4 @@ def test_walls_are_in_the_picture_from_runs_and_recordings():
         assert window.left < min(walls) < max(walls) < window.right
         assert window.bottom < 0.0
     stranger = motion_of(replace(recording_of(run, "glambda"), scene="of a plug-in"))
-    assert stranger.ground == [((0.0, 0.0), (0.0, 1.0))]
+    assert list(stranger.ground) == [((0.0, 0.0), (0.0, 1.0))]

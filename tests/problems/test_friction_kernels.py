@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from problems.contacts.active_kernels import JOINT
 from problems.contacts.geometry_kernels import column_product, columns_product, dense_columns
 from problems.friction.kernels import (
     RIDGE,
+    loaded,
     newton_move,
     next_multipliers,
     small_newton_multipliers,
@@ -117,12 +119,20 @@ def test_redundant_contacts_share_a_newton_step():
 
 
 def test_the_next_multipliers_are_the_fixed_point_where_it_is_one():
-    star, lam = np.array([1.0, 1.0, 1.0]), np.array([2.0, 0.5, 3.0])
+    of, star, lam = np.array([0, 0, 1]), np.array([1.0, 1.0, 1.0]), np.array([2.0, 0.5, 3.0])
     y = np.array([0.5, -0.7, -4.0])
     # falls towards −0.2: no load; rises, and −1 is asked: not believed
-    np.testing.assert_allclose(next_multipliers(star, lam, y, False), [2.5, 0.0, 3.0])
-    np.testing.assert_array_equal(next_multipliers(star, lam, y, True), lam)
-    np.testing.assert_allclose(next_multipliers(star, lam, 0.1 * y, True), lam + 0.1 * y)
+    np.testing.assert_allclose(next_multipliers(of, star, lam, y, False), [2.5, 0.0, 3.0])
+    np.testing.assert_array_equal(next_multipliers(of, star, lam, y, True), lam)
+    np.testing.assert_allclose(next_multipliers(of, star, lam, 0.1 * y, True), lam + 0.1 * y)
+
+
+def test_rows_of_joints_bound_nothing():
+    of, star, lam = np.array([0, JOINT]), np.array([1.0, 0.0]), np.array([2.0, -9.0])
+    np.testing.assert_allclose(
+        next_multipliers(of, star, lam, np.array([0.5, -50.0]), True), [2.5, 0.0]
+    )
+    np.testing.assert_array_equal(loaded(np.array([0.0, -9.0]), of), [False, True])
 
 
 def test_nothing_is_solved_where_everything_sticks_or_nothing_bears_a_load():
