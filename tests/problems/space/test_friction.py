@@ -46,7 +46,8 @@ def test_a_ball_rolls_at_five_sevenths_of_its_speed_and_keeps_its_direction():
 def test_slip_and_spin_of_a_box_end_in_the_same_step():
     found = run("skid", spin=4.0, speed=1.5, mu=0.3, height=0.1, heading=0.0, end_time=0.75)
     slip, spin = np.hypot(*found.velocities[:, 0, :2].T), np.abs(found.velocities[:, 0, 5])
-    assert int(np.argmax(slip < 1e-9)) == int(np.argmax(spin < 1e-9)) > 0
+    # a step before they are above 5e-3, and at its end what the QP's accuracy leaves of them
+    assert int(np.argmax(slip < 1e-5)) == int(np.argmax(spin < 1e-5)) > 0
     assert found.velocities[-1] == pytest.approx(0.0, abs=1e-9)
     assert (np.diff(found.energy) < 1e-12).all()
 
