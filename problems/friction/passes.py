@@ -40,7 +40,7 @@ from problems.friction.kernels import (
 from problems.friction.rules import cones
 from problems.kernels.arena import Arena
 from problems.kernels.compiled import kernel, stage
-from problems.kernels.numba_internals import lent, read_only
+from problems.kernels.numba_internals import in_place, lent, read_only
 from problems.least_norm.independence import SAFE_FRACTION, far_from_dependent
 from problems.least_norm.least_distance import least_norm
 from problems.qp import LARGEST, Indices, Vector
@@ -286,7 +286,7 @@ def fixed_point(p, solve, S, I, eps0, mode):
     solve, S, I, eps0, mode : see `problems.qp_kernel`; not used where QPs are asked for
     """
     # what is in a tuple is lent: else it is counted each time who holds it
-    p, S, I = lent(p), lent(S), lent(I)
+    p, S, I = in_place(lent(p)), lent(S), lent(I)
     now, used = p.now[0], p.arena.used
     while True:
         used[0], used[1] = 0, 0

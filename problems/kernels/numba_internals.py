@@ -6,7 +6,7 @@ what is lost; everything else is the same.
 1. `OwnCopies`: bit for bit the same results from a run that compiles and one from the cache.
 2. `lent`: no counting of who holds an array, up to three quarters of the time of a step.
 
-`read_only`, `in_rows` and `function_at` are made with numba's interface for extensions.
+`in_place`, `read_only`, `in_rows` and `function_at` are made with numba's interface for extensions.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ from numba.core import cgutils, types
 from numba.core.caching import Cache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.datamodel import default_manager
-from numba.core.imputils import impl_ret_borrowed
+from numba.core.imputils import impl_ret_borrowed, lower_getattr_generic
 from numba.core.registry import cpu_target
-from numba.extending import intrinsic
+from numba.core.typing.templates import AttributeTemplate, infer_getattr
+from numba.extending import intrinsic, models, register_model
 from numba.np.arrayobj import populate_array
 
 TRIED = (0, 61), (0, 68)
@@ -101,6 +102,53 @@ lent: Any = intrinsic(_lend) if KNOWN else numba.njit(_as_it_is)
 Each time that compiled code takes an array out of a tuple or hands it on, it counts, atomically,
 who holds it.  The caller holds the arguments of a kernel for as long as it runs.  What is lent must
 not be returned.
+"""
+
+
+class InPlace(types.Type):
+    """A named tuple that stands in memory, and is read a member at a time."""
+
+    def __init__(self, members: Any):
+        self.members = members
+        super().__init__(f"InPlace({members})")
+
+
+@register_model(InPlace)
+class _InPlaceModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: InPlace):
+        place = manager.lookup(kind.members).get_value_type().as_pointer()
+        super().__init__(manager, kind, place)
+
+
+@infer_getattr
+class _InPlaceMember(AttributeTemplate):
+    key = InPlace
+
+    def generic_resolve(self, kind: InPlace, name: str) -> Any:  # type: ignore[override]
+        members = kind.members
+        return members[members.fields.index(name)] if name in members.fields else None
+
+
+@lower_getattr_generic(InPlace)
+def _member(context: Any, builder: Any, kind: InPlace, place: Any, name: str) -> Any:
+    index = kind.members.fields.index(name)
+    value = builder.load(cgutils.gep_inbounds(builder, place, 0, index))
+    return impl_ret_borrowed(context, builder, kind.members[index], value)
+
+
+def _put_in_place(typingctx: Any, members: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return cgutils.alloca_once_value(builder, arguments[0])
+
+    return InPlace(members)(members), codegen
+
+
+in_place: Any = intrinsic(_put_in_place)
+"""`in_place(x)` in a kernel: the named tuple x, of which each use reads what it names.
+
+A tuple is a value: compiled code copies all of it, hundreds of words where arrays are in tuples in
+a tuple, each time that one member is used, and LLVM takes most of its time to be rid of the copies.
+Members are values still.  It must not outlive the kernel.
 """
 
 

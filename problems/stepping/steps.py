@@ -73,7 +73,7 @@ from problems.friction.passes import (
 from problems.friction.rules import extrapolated_multipliers, spring_loads
 from problems.joints.row_kernels import joint_rows
 from problems.kernels.compiled import kernel, stage
-from problems.kernels.numba_internals import lent
+from problems.kernels.numba_internals import in_place, lent
 from problems.stepping.records import (
     AGAIN,
     FORCED,
@@ -499,7 +499,7 @@ def take_steps(run, solve, S, I, eps0, mode):
     solve, S, I, eps0, mode : see `problems.qp_kernel`
     """
     # what is in a tuple is lent: else it is counted each time who holds it
-    run, S, I = lent(run), lent(S), lent(I)
+    run, S, I = in_place(lent(run)), lent(S), lent(I)
     tally, trial, used = run.tally[0], run.trial[0], run.passes.arena.used
     if trial.stage == LOOK_BACK:
         used[0], used[1] = 0, 0

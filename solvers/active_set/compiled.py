@@ -23,7 +23,8 @@ SOURCES = sources(
 """Files whose functions or constants are compiled into the method's kernels."""
 
 kernel = compiled.kernel_decorator(SOURCES)
-stage = compiled.kernel_decorator(SOURCES, forceinline=True)
+stage = compiled.kernel_decorator(SOURCES, inline="always")
+"""A kernel that is a part of one other: it is compiled there and nowhere else."""
 function = compiled.function_decorator(SOURCES, SIGNATURE)
 
 

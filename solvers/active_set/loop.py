@@ -107,7 +107,7 @@ ENTERED, BOUNCED, DISMISSED, NOW_IN_F = 1, 2, 4, 8
 while step 8 looks for who enters."""
 
 
-@kernel
+@stage
 def lay_out(A, d, lower, upper, S, mp):
     """Columns of A one after the other at length 1, bounds on z_j = ‖a_j‖ x_j."""
     m, k = A.shape
@@ -246,7 +246,7 @@ def take_gradient(S, mp, k, row):
         S[GRADIENT, j] = along
 
 
-@kernel
+@stage
 def ratio_test(S, I, f):
     """Step 4: θ = min(1, min τ_i) with τ_i the step to the bound ahead of z_i."""
     theta = 1.0
@@ -259,7 +259,7 @@ def ratio_test(S, I, f):
     return theta
 
 
-@kernel
+@stage
 def take_step(S, I, f, theta):
     """Step 5: z += θ p, members that reach a bound put on it; returns how many do.
 
@@ -362,7 +362,7 @@ def r_insert(S, I, m, mp, f, j, limit):
     return 1
 
 
-@kernel
+@stage
 def carry_R(S, I, m, mp, wanted):
     """The old R on the `wanted` columns that stand in F; returns its order, −1 where it is too old.
 
@@ -398,7 +398,7 @@ def carry_R(S, I, m, mp, wanted):
     return f
 
 
-@kernel
+@stage
 def direction_by_Q(S, mp, f):
     """Step 3 with today's factorization: R p = −(Qᵀ r)_{1…f}."""
     for i in range(mp):
@@ -410,7 +410,7 @@ def direction_by_Q(S, mp, f):
     solve_R(S, f, P)
 
 
-@kernel
+@stage
 def direction_by_cg(S, I, m, mp, f, tolerance, mode):
     """Step 3 with the old R; returns (order, whether p was found).
 
@@ -448,7 +448,7 @@ def direction_by_cg(S, I, m, mp, f, tolerance, mode):
     return f, False
 
 
-@kernel
+@stage
 def drop_reached(S, I, m, mp, f, fresh, scratch):
     """Step 6: members of F at a bound that p leads to move to X; returns the order.
 
@@ -483,7 +483,7 @@ def drop_reached(S, I, m, mp, f, fresh, scratch):
     return f
 
 
-@kernel
+@stage
 def append_column(S, I, m, mp, f, j, fresh, eps0, rounding):
     """Step 8: put column j last into F where that is possible and worth it; returns (done, fresh).
 
@@ -519,7 +519,7 @@ def append_column(S, I, m, mp, f, j, fresh, eps0, rounding):
     return abs(S[GRADIENT, j]) > max(eps0 / inverse_norm, rounding), fresh
 
 
-@kernel
+@stage
 def finish(row_id, lower, upper, S, I, k, f):
     """x in the units of the QP and the members of X, F and P.
 

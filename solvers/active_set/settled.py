@@ -13,7 +13,7 @@ from __future__ import annotations
 from math import sqrt
 
 from problems.qp import AT_LOWER, AT_UPPER, FREE
-from solvers.active_set.compiled import kernel
+from solvers.active_set.compiled import stage
 from solvers.active_set.flops import product_flops, triangular_flops
 from solvers.active_set.tolerances import LEAST_PIVOT
 from solvers.active_set.workspace import (
@@ -44,7 +44,7 @@ from solvers.active_set.workspace import (
 REFINEMENTS = 4
 
 
-@kernel
+@stage
 def solve_settled(A, d, lower, upper, row_id, S, I, rounding_unit):
     """Try to solve a QP on the F of the one before; True when its KKT conditions hold.
 

@@ -77,7 +77,7 @@ SMALLER = {
     "harness.criterion.kept_factors.INTERVALS": (1, 5),
     "harness.criterion.kept_factors.LONGEST": 10,
     "harness.criterion.examination.examination_claims": partial(examination_claims, largest=2),
-    "harness.study.study.QUICK": replace(QUICK, until=0.3),
+    "harness.study.study.QUICK": replace(QUICK, until=0.05),
     "harness.claims.painleve.STEPS": (1e-4, 1e-5, 1e-6),
     "harness.claims.painleve.GAINS": (-0.4, 0.9, 1.2),
     "harness.claims.painleve.APPROACHES": (2.0, 3.0),

@@ -6,11 +6,15 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any, NamedTuple
 
+import numba
+import numpy as np
 import pytest
+from numba.core.errors import TypingError
 
 from problems.kernels.compiled import SOURCES
-from problems.kernels.numba_internals import known
+from problems.kernels.numba_internals import in_place, known
 from problems.kernels.sources import defining, sources
 
 KERNELS = """
@@ -113,3 +117,31 @@ def test_sources_are_the_files_that_kernels_rest_on() -> None:
     folder = Path(__file__).parents[2] / "problems"
     assert set(defining(folder, "\n@kernel\n")) <= set(SOURCES)
     assert sources([folder / "sequence.py"], []) == [folder / "sequence.py"]
+
+
+class Track(NamedTuple):
+    places: Any
+    length: int
+    scale: float
+
+
+def test_what_stands_in_place_has_the_members_of_the_tuple() -> None:
+    @numba.njit
+    def summed(track: Any) -> Any:
+        track = in_place(track)
+        total = 0.0
+        for i in range(track.length):
+            track.places[i] += 1.0
+            total += track.scale * track.places[i]
+        return total
+
+    places = np.arange(4.0)
+    assert summed(Track(places, 3, 2.0)) == 2.0 * (1.0 + 2.0 + 3.0)
+    assert places.tolist() == [1.0, 2.0, 3.0, 3.0]
+
+    @numba.njit
+    def misspelt(track: Any) -> Any:
+        return in_place(track).place
+
+    with pytest.raises(TypingError, match="place"):
+        misspelt(Track(places, 3, 2.0))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from math import ceil, sqrt
 
-from solvers.active_set.compiled import kernel
+from solvers.active_set.compiled import kernel, stage
 from solvers.active_set.loop import (
     CUSTOM,
     DEFERRED,
@@ -138,7 +138,7 @@ def follow(pattern, Bx, Lx, S, I, f):
         factorize_sparse(pattern, Bx, Lx, S, I, f)
 
 
-@kernel
+@stage
 def is_of_this_A(Bx, k):
     """Whether L is that of today's A, be it of another F."""
     differ = 0
@@ -168,7 +168,7 @@ def iteration_flops(pattern, f, m, plain):
     return products + (0 if plain else 4 * pattern.entries) + 4 * m + 10 * f
 
 
-@kernel
+@stage
 def is_blocked(S, I, k):
     """Whether z + p is beyond a bound."""
     z, p, low, high, inside = S[Z], S[P], S[LOWER], S[UPPER], I[IN_F]
@@ -259,7 +259,7 @@ def conjugate_gradients_sparse(
             return iterations
 
 
-@kernel
+@stage
 def direction(pattern, Bx, Lx, S, I, m, f, tolerance, rounding, mode):
     """Step 3; returns the age of the L that was given up on the way, or 0.
 

@@ -29,7 +29,7 @@ from math import inf, sqrt
 from problems.kernels.numba_internals import lent
 from problems.qp import AT_LOWER, AT_UPPER, FREE, PASSIVE
 from problems.qp_kernel import WARM
-from solvers.active_set.compiled import kernel
+from solvers.active_set.compiled import kernel, stage
 from solvers.active_set.loop import (
     BOUNCED,
     CUSTOM,
@@ -121,7 +121,7 @@ LEAPS = 30
 TENTH = 0.1
 
 
-@kernel
+@stage
 def lay_out_sparse(pattern, data, d, lower, upper, Bx, S, m):
     """Columns of A in elimination order at length 1, bounds on z_c = ‖a_j‖ x_j."""
     order, indptr = pattern.order, pattern.indptr
@@ -151,7 +151,7 @@ def lay_out_sparse(pattern, data, d, lower, upper, Bx, S, m):
         momentum[i] = d[i]
 
 
-@kernel
+@stage
 def start_sparse(order, S, I, warm, own_set, w):
     """Step 1: z from the previous x, F the previous F and new rows; returns the size of F."""
     x, before, length, low, high, z = S[X], S[BEFORE], S[LENGTH], S[LOWER], S[UPPER], S[Z]
@@ -204,7 +204,7 @@ def take_gradient_sparse(pattern, Bx, S, row):
         gradient[c] = dot(pattern.Bi, Bx, c, x)
 
 
-@kernel
+@stage
 def cut_off(pattern, Bx, S, I, m, theta):
     """Whether z + p, cut off at the bounds, lowers ½‖r‖² at least as far as the step θ p does."""
     inside = I[IN_F]
@@ -224,7 +224,7 @@ def cut_off(pattern, Bx, S, I, m, theta):
     return whole <= short and whole < now
 
 
-@kernel
+@stage
 def take_step_sparse(S, I, k, theta, cut):
     """Steps 5 and 6: z := z + θ p, or z + p cut off; what reaches a bound leaves F.
 
@@ -251,7 +251,7 @@ def take_step_sparse(S, I, k, theta, cut):
     return reached
 
 
-@kernel
+@stage
 def ratio_test_sparse(S, I, k):
     """Step 4: θ = min(1, min τ_i) with τ_i the step to the bound ahead of z_i."""
     z, p, low, high, inside = S[Z], S[P], S[LOWER], S[UPPER], I[IN_F]
@@ -265,7 +265,7 @@ def ratio_test_sparse(S, I, k):
     return theta
 
 
-@kernel
+@stage
 def leap(pattern, Bx, Lx, S, I, m, f, tolerance, rounding):
     """Primal-dual active sets (Hintermüller, Ito, Kunisch 2002) from here; returns the size of F.
 
@@ -323,7 +323,7 @@ def leap(pattern, Bx, Lx, S, I, m, f, tolerance, rounding):
     return f_before
 
 
-@kernel
+@stage
 def finish_sparse(order, row_id, lower, upper, S, I):
     """x in the units of the QP and the members of X, F and P; both remembered for the next QP."""
     z, x, length, low, high = S[Z], S[X], S[LENGTH], S[LOWER], S[UPPER]
