@@ -19,10 +19,16 @@ from numba.core import cgutils, types
 from numba.core.caching import Cache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.datamodel import default_manager
-from numba.core.imputils import impl_ret_borrowed, lower_getattr_generic
+from numba.core.imputils import impl_ret_borrowed
 from numba.core.registry import cpu_target
-from numba.core.typing.templates import AttributeTemplate, infer_getattr
-from numba.extending import intrinsic, models, register_model
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import (
+    infer_getattr,
+    intrinsic,
+    lower_getattr_generic,
+    models,
+    register_model,
+)
 from numba.np.arrayobj import populate_array
 
 TRIED = (0, 61), (0, 68)

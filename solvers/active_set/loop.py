@@ -398,7 +398,7 @@ def carry_R(S, I, m, mp, wanted):
     return f
 
 
-@stage
+@kernel
 def direction_by_Q(S, mp, f):
     """Step 3 with today's factorization: R p = −(Qᵀ r)_{1…f}."""
     for i in range(mp):

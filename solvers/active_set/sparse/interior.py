@@ -16,7 +16,7 @@ from __future__ import annotations
 from math import inf
 
 from problems.kernels.numba_internals import lent
-from solvers.active_set.compiled import kernel, stage
+from solvers.active_set.compiled import kernel
 from solvers.active_set.sparse.cholesky import add, cholesky, dot, solve_L, solve_LT
 from solvers.active_set.sparse.workspace import (
     DUAL_HIGH,
@@ -67,7 +67,7 @@ def gradient_at(pattern, Bx, S, m):
     return objective
 
 
-@stage
+@kernel
 def start_inside(pattern, Bx, Lx, S, I, m):
     """z, a and b to start from (Mehrotra 1992); IN_L becomes what is not fixed.
 
@@ -166,7 +166,7 @@ def longest_step(S, k, row, target, corrected):
     return theta
 
 
-@stage
+@kernel
 def step_along_path(pattern, Bx, Lx, S, I, ridge):
     """One step by predictor and corrector from z, a and b; returns the part that was taken.
 
@@ -225,7 +225,7 @@ def step_along_path(pattern, Bx, Lx, S, I, ridge):
     return theta
 
 
-@stage
+@kernel
 def choose_F(S, I, k):
     """z to the bounds that it is nearer to than their multipliers are large; returns the size of F
     and how many variables have another member than in row KEPT_F."""
@@ -246,7 +246,7 @@ def choose_F(S, I, k):
     return f, changes
 
 
-@stage
+@kernel
 def approach(pattern, Bx, Lx, S, I, m, f):
     """Follow the path from z; returns the size of the F that was found.
 

@@ -121,7 +121,7 @@ LEAPS = 30
 TENTH = 0.1
 
 
-@stage
+@kernel
 def lay_out_sparse(pattern, data, d, lower, upper, Bx, S, m):
     """Columns of A in elimination order at length 1, bounds on z_c = ‖a_j‖ x_j."""
     order, indptr = pattern.order, pattern.indptr
