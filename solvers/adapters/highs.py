@@ -10,8 +10,9 @@ Accuracy: the feasibility tolerances are the residual that `asked` allows, not b
 1e-10; an active-set method is exact once it has the working set.  HiGHS's QP solver takes no start:
 `setSolution` and `setBasis` leave its iterations as they are.  In a sequence its object is kept,
 which spares making it.  Forces are scaled to 1: as they are, it calls 5 of fig5's QPs unbounded.
-On 2 of fig2's 968 QPs it ends with a gradient of 4e-6 of the force, A x being off by 8e-7; no
-option was found to change that.
+Of a QP with a singular P it may say that it is unbounded; one with x ≥ 0 alone is then posed as
+(3.4), which is strictly convex.  On 2 of fig2's 968 QPs it ends with a gradient of 4e-6 of the
+force, A x being off by 8e-7; no option was found to change that.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from numpy.typing import NDArray
 from problems.qp import Status
 from solvers.adapters.package import Built, Native, Outcome
 from solvers.adapters.posed import UNIT, Posed
-from solvers.adapters.programs import Normal, Program, ProgramSolver
+from solvers.adapters.programs import PROGRAMS, Program, ProgramSolver
 from solvers.adapters.quietly import quietly
 from solvers.base import Start
 
@@ -36,6 +37,7 @@ with quietly():
     highspy.Highs()  # a process's first one prints a banner
 _COLUMNWISE = int(highspy.MatrixFormat.kColwise)
 _TRIANGULAR = int(highspy.HessianFormat.kTriangular)
+_UNBOUNDED = highspy.HighsModelStatus.kUnbounded
 _REFUSED = highspy.HighsStatus.kError
 _MINIMISE = int(highspy.ObjSense.kMinimize)
 _OPTIONS: dict[str, Any] = {"output_flag": False, "threads": 1}
@@ -106,15 +108,22 @@ class HiGHS(ProgramSolver):
         return Native(posed, model, (options, model.getRunTime(), asked))
 
     def run(self, native: Native) -> Any:
-        """`Highs.run`, and on in normal form where (3.4) was chosen and its answer will not do."""
+        """`Highs.run`, and on in the other form where the answer of the one chosen will not do."""
         posed, model, (_, _, asked) = native
         status = _run(model)
-        if posed.form != "normal" and not self.variant and asked is not None:
+        if self.variant or asked is None:
+            return status
+        if posed.form == "normal":
+            lost = posed.one_sided and model.getModelStatus() == _UNBOUNDED
+            other = "velocity"
+        else:
             found = np.array(model.getSolution().row_dual)
-            if found.size != posed.n or posed.misses(np.maximum(found, 0.0), asked):
-                posed.form, posed.program = "normal", Normal(posed)
-                model.passModel(*self.pack(posed.program))
-                status = _run(model)
+            lost = found.size != posed.n or posed.misses(np.maximum(found, 0.0), asked)
+            other = "normal"
+        if lost:
+            posed.form, posed.program = other, PROGRAMS[other](posed)
+            model.passModel(*self.pack(posed.program))
+            status = _run(model)
         return status
 
     def outcome(self, native: Native, result: Any) -> Outcome:

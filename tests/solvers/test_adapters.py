@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from harness.judging.facts import facts_of
+from harness.judging.judge import judge
 from problems.qp import AT_LOWER, FREE, ContactQP, Solution, Status
 from solvers.adapters.package import Native, Outcome, PackageSolver, dual_units
 from solvers.adapters.posed import LONG, Posed, Units, pose
@@ -548,3 +550,17 @@ def test_highs_answers_whoever_used_it_before():
     theirs.setOptionValue("threads", 2)
     theirs.run()
     assert_same_force(qp, ask("highs", qp).solve(qp).x, Ax_star, TOLERANCE[False])
+
+
+@pytest.mark.parametrize("seed", [0, 2, 6, 8, 19, 21])
+def test_highs_bounds_what_it_calls_unbounded(seed):
+    """Forces in both directions and one row that all but cancels: P is singular, the QP bounded."""
+    pytest.importorskip("highspy")
+    B = np.random.default_rng(seed).integers(-3, 4, (3, 4)).astype(float)
+    last = np.r_[-np.ones(4), 1e-4 * np.array([1, -1, -1, -1])]
+    A = np.vstack([np.hstack([B, -B]), last])
+    qp = ContactQP(A, np.array([0.0, 0.0, 0.0, -1.0]), np.zeros(8), np.full(8, np.inf))
+    facts = facts_of(qp)
+    solution = make_solver("highs").solve(qp.with_accuracy(1e-9 * facts.scale))
+    verdict = judge(qp, solution.x, found=solution.found, asked=1e-8 * facts.scale, facts=facts)
+    assert verdict.verdict == "verified"
