@@ -1,6 +1,7 @@
 # make study   simulate, record, replay and report the four scenes: results/report/index.html
 # make campaigns  starts, accuracies and forms, beside a study: more sections of its page
-# make publish study, campaigns, criterion and growth, and what they report into reports/published
+# make outside    QPs that others posed, beside a study: MuJoCo's, families of scenes, IMPORTS="FILE ..."
+# make publish study, campaigns, outside, criterion and growth, and what they report into reports/published
 # make peers   other physics engines, which it installs, and ours: reports/published/peers
 # make growth  time per QP against its size, up to 20,000 columns: results/growth, …/growth_piles
 # make bench   work counts against the committed baseline, then times as ratios
@@ -18,9 +19,10 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
 FRICTION := results/recordings/fig4.h5 results/recordings/fig5.h5
+MODELS := mujoco:arm mujoco:gripper mujoco:pile mujoco:tumbling mujoco:walker
 SCENES := results/recordings/fig2.h5 results/recordings/fig3.h5 $(FRICTION)
 
-.PHONY: study quick publish campaigns peers growth bench floors test check rounding oldest lint docs clean
+.PHONY: study quick publish campaigns outside families peers growth bench floors test check rounding oldest lint docs clean
 
 study: $(INSTALLED)
 	$(BIN)/glambda study
@@ -28,13 +30,7 @@ study: $(INSTALLED)
 quick: $(INSTALLED)
 	$(BIN)/glambda study --quick
 
-publish: study campaigns growth
-	$(BIN)/glambda record tower --set bodies=150 --until 0.3 --overwrite -o results/families
-	$(BIN)/glambda record wall --set bodies=200 --until 0.3 --overwrite -o results/families
-	$(BIN)/glambda record pyramid --set bodies=105 --until 0.3 --overwrite -o results/families
-	$(BIN)/glambda record heap --set bodies=20 --until 0.1 --overwrite -o results/families
-	$(BIN)/glambda record tower --set bodies=40 --set mu=0.5 --until 0.3 --overwrite -o results/families
-	$(BIN)/glambda record wall --set bodies=12 --set mu=0.3 --until 0.1 --overwrite -o results/families
+publish: study campaigns outside growth
 	$(BIN)/glambda criterion $(SCENES) results/families/*.h5 -o results/criterion
 	$(BIN)/glambda stability -o results/stability
 	$(BIN)/glambda painleve -o results/painleve
@@ -58,6 +54,22 @@ campaigns: study
 	  --solvers forms -o results
 	$(BIN)/glambda disturb $(FRICTION) -o results/disturbed
 	$(BIN)/glambda replay results/disturbed/*.h5 --settings paper --arms cold,warm -o results
+
+families: $(INSTALLED)
+	$(BIN)/glambda record tower --set bodies=150 --until 0.3 --overwrite -o results/families
+	$(BIN)/glambda record wall --set bodies=200 --until 0.3 --overwrite -o results/families
+	$(BIN)/glambda record pyramid --set bodies=105 --until 0.3 --overwrite -o results/families
+	$(BIN)/glambda record heap --set bodies=20 --until 0.1 --overwrite -o results/families
+	$(BIN)/glambda record tower --set bodies=40 --set mu=0.5 --until 0.3 --overwrite -o results/families
+	$(BIN)/glambda record wall --set bodies=12 --set mu=0.3 --until 0.1 --overwrite -o results/families
+
+outside: study families
+	$(BIN)/python -m pip install --quiet -e '.[dev,mujoco]'
+	$(BIN)/glambda record $(MODELS) --until 1 --overwrite -o results/engines
+	$(if $(IMPORTS),$(foreach file,$(IMPORTS),$(BIN)/glambda import $(file) -o results/engines &&) true)
+	$(BIN)/glambda replay results/engines/*.h5 --settings high --arms cold,kept,warm -o results
+	$(BIN)/glambda replay results/families/*.h5 --settings high --arms cold,kept,warm -o results \
+	  --solvers glambda,lotstedt,clarabel,daqp,highs,osqp,piqp,proxqp,scs
 
 peers: $(INSTALLED)
 	$(BIN)/python -m pip install --quiet -e '.[dev,peers]'

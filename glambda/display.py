@@ -12,6 +12,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from harness.judging.facts import SETTINGS
+from harness.passes.starts import EVERY_ARM
 from harness.recordings.recording import Recording
 from harness.study.verify import ACCURATE_CLASS
 from problems.networks.run import NetworkRun
@@ -23,6 +25,8 @@ from solvers.registry import SolverInfo
 
 EVENTS_SHOWN = 5
 """Most events of a kind that are told of a simulation."""
+SCREEN = 36
+"""Lines that are seen at once on a terminal of usual size."""
 TOLD = {"gain": "gain of friction", "overlap": "overlap"}
 """Kinds of event that are told one by one, and in which words."""
 JAM = "  jam: friction whose gain is 1 or more stops contacts at once, as an impulse would"
@@ -177,28 +181,39 @@ def _print_space(console: Console, run: SpaceRun) -> None:
 
 
 def replay_table(rows: pd.DataFrame) -> Table:
-    """One line per solver, setting and arm over all scenes."""
+    """A line per solver and setting over all scenes; of more than a screen, of one setting only.
+
+    That is the first of them, and then variants are left out, too: the report has all.
+    """
+    title = "Replayed (error: ‖A(x − x*)‖/scale; µs: median per QP)"
+    settings = [name for name in SETTINGS if name in set(rows["settings"])]
+    settings += sorted(set(rows["settings"]) - set(settings))
+    if rows.groupby(["solver", "settings"]).ngroups > SCREEN:
+        rows = rows[rows["settings"] == settings[0]]
+        if rows["solver"].nunique() > SCREEN:
+            rows = rows[~rows["solver"].str.contains("[", regex=False)]
+        title += f"; here at {settings[0]}, the report has all"
+    arms = [arm for arm in EVERY_ARM if arm in set(rows["arm"])]
     lines = []
-    for (solver, setting, arm), part in rows.groupby(["solver", "settings", "arm"], sort=True):
+    for (solver, setting), part in rows.groupby(["solver", "settings"], sort=True):
         done = part[part["verdict"] != "skipped"]
         lines.append(
             (
-                solver,
-                setting,
-                arm,
-                len(done),
-                len(part) - len(done),
+                *(solver, setting, len(done), len(part) - len(done)),
                 _share(int((done["verdict"] == "verified").sum()), len(done)),
                 int((done["verdict"] == "undecided").sum()),
                 _scientific(done["glambda_error"].max()),
-                _scientific(1e6 * done["runtime"].median(), "{:.1f}"),
+                *(
+                    _scientific(1e6 * done["runtime"][done["arm"] == arm].median(), "{:.1f}")
+                    for arm in arms
+                ),
             )
         )
     columns = (
-        *("solver", "setting", "arm", ">solved", ">skipped", ">verified", ">undecided"),
-        *(">max error", ">µs"),
+        *("solver", "setting", ">solved", ">skipped", ">verified", ">undecided", ">max error"),
+        *(f">µs {arm}" for arm in arms),
     )
-    return terminal_table("Replayed (error: ‖A(x − x*)‖/scale; µs: median per QP)", columns, lines)
+    return terminal_table(title, columns, lines)
 
 
 def _share(part: int, whole: int) -> str:

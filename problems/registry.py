@@ -6,7 +6,8 @@ Nothing is imported until it is asked for.
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
 from importlib import metadata
 from typing import Any
 
@@ -26,7 +27,15 @@ def with_plug_ins(kind: str, built_in: Mapping[str, str]) -> dict[str, str]:
 
 def unknown(kind: str, name: str, targets: Mapping[str, str]) -> ValueError:
     """The error of a name that there is not."""
-    return ValueError(f"unknown {kind} {name!r}; there are: {', '.join(targets)}")
+    listed = ", ".join(targets)
+    return ValueError(f"unknown {kind} {name!r}; {meant(name, targets)}there are: {listed}")
+
+
+def meant(name: str, names: Iterable[str]) -> str:
+    """ "did you mean …? " with the name that is nearest, nothing where none is near."""
+    alike = {each.lower(): each for each in names}
+    near = get_close_matches(name.lower(), alike, n=1)
+    return f"did you mean {alike[near[0]]!r}? " if near else ""
 
 
 def load(target: str) -> Any:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import typer
 
+from glambda.cli import completion
 from glambda.cli.streams import say
 
 if TYPE_CHECKING:
@@ -30,7 +31,6 @@ or all of it, four scenes and every backend, at once:  glambda study
 
 app = typer.Typer(
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -45,6 +45,17 @@ WRITES_EACH = ("record", "stretch", "disturb", "import_")
 """Commands that have written some of their files by then, and begin anew."""
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+SceneName = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENE",
+        help="a scene, see 'glambda scenes', such as fig4,mu_I=0.8",
+        autocompletion=completion.scenes,
+    ),
+]
+SolverName = Annotated[
+    str, typer.Option(help="drives the simulation", autocompletion=completion.solvers)
+]
 Files = Annotated[list[Path], typer.Argument(metavar="FILE...", help="recordings (.h5)")]
 Sets = Annotated[
     list[str] | None,
@@ -84,7 +95,8 @@ Solvers = Annotated[
     str,
     typer.Option(
         help="names with commas between, such as glambda,lotstedt[deferred],daqp; "
-        "all: every backend that is installed; forms: the packages in each form that they take"
+        "all: every backend that is installed; forms: the packages in each form that they take",
+        autocompletion=completion.solvers,
     ),
 ]
 Workers = Annotated[

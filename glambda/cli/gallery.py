@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from glambda.cli import completion
 from glambda.cli.app import app, terminal, told
 from glambda.cli.streams import say
 
@@ -18,7 +19,10 @@ LONGEST = 6.0
 @told
 def gallery(
     names: Annotated[
-        list[str] | None, typer.Argument(metavar="[SCENE...]", help="default: every scene")
+        list[str] | None,
+        typer.Argument(
+            metavar="[SCENE...]", help="default: every scene", autocompletion=completion.scenes
+        ),
     ] = None,
     output: Annotated[Path, typer.Option("-o", "--output", help="folder")] = Path("gallery"),
 ) -> None:

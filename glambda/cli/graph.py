@@ -7,14 +7,14 @@ from typing import Annotated
 
 import typer
 
-from glambda.cli.app import Sets, app, output_file, scene_of_bodies, terminal, told
+from glambda.cli.app import SceneName, Sets, app, output_file, scene_of_bodies, terminal, told
 from glambda.cli.streams import say
 
 
 @app.command()
 @told
 def graph(
-    scene: Annotated[str, typer.Argument(help="a scene of bodies, see 'glambda scenes'")],
+    scene: SceneName,
     at: Annotated[float, typer.Option(help="the instant [s]")],
     settings: Sets = None,
     picture: Annotated[

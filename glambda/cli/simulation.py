@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from glambda.cli import completion
 from glambda.cli.app import (
     Drift,
     DriftTime,
@@ -19,7 +20,9 @@ from glambda.cli.app import (
     Friction,
     Impulses,
     Restitution,
+    SceneName,
     Sets,
+    SolverName,
     Stops,
     Until,
     app,
@@ -79,8 +82,8 @@ def runs_scenes(command: Callable[..., Any]) -> Callable[..., Any]:
 @runs_scenes
 def simulate(
     how: dict[str, Any],
-    scene: Annotated[str, typer.Argument(help="a scene, see 'glambda scenes'")],
-    solver: Annotated[str, typer.Option(help="drives the simulation")] = "glambda",
+    scene: SceneName,
+    solver: SolverName = "glambda",
     settings: Sets = None,
     trajectory: Annotated[
         Path | None, typer.Option(metavar="F.csv", help="positions; events to F.events.csv")
@@ -88,7 +91,11 @@ def simulate(
     plot: Annotated[
         Path | None, typer.Option(metavar="F.png", help="frames (.png, .svg, .pdf)")
     ] = None,
-    animate: Annotated[Path | None, typer.Option(metavar="F.gif", help="the motion")] = None,
+    animate: Annotated[
+        Path | None, typer.Option(metavar="F.gif", help="a film of the motion (.gif, .mp4)")
+    ] = None,
+    speed: Annotated[float, typer.Option(help="seconds of motion in a second of the film")] = 1.0,
+    size: Annotated[int, typer.Option(min=16, help="width of the film [pixels]")] = 640,
 ) -> None:
     """Simulate a scene, with any backend in the loop.
 
@@ -100,12 +107,17 @@ def simulate(
     from harness.progress import shown
     from problems import simulate as run_scene
     from problems.sequence import SimulationError
+    from reports.motions.film import ffmpeg
     from solvers import make_solver
     from solvers.registry import target_of
 
     table = output_file(trajectory, (".csv",), "--trajectory")
     picture = output_file(plot, (".png", ".svg", ".pdf"), "--plot")
-    film = output_file(animate, (".gif",), "--animate")
+    film = output_file(animate, (".gif", ".mp4"), "--animate")
+    if film is not None and film.suffix.lower() == ".mp4":
+        ffmpeg()  # raises where there is none
+    if not speed > 0:
+        raise ValueError(f"--speed {speed:g}: give seconds of motion, above 0")
     with shown(f"make {scene}", terminal(err=True)):  # a large heap takes half a minute
         made = made_scene(scene, settings)
     end = made.end_time if how["until"] is None else how["until"]
@@ -127,14 +139,16 @@ def simulate(
             raise
         early, run = error, error.run  # type: ignore
     print_run(terminal(), run)
-    written = _write(run, table, picture, film)
+    written = _write(run, table, picture, film, speed=speed, pixels=size)
     if early is not None:
         files = f" is in {', '.join(map(str, written))}" if written else " is kept by --trajectory"
         raise type(early)("; ".join([*map(str, early.args), f"the motion until then{files}"]))
 
 
-def _write(run: Run, table: Path | None, picture: Path | None, film: Path | None) -> list[Path]:
-    """What of a run was asked for, and where it is."""
+def _write(
+    run: Run, table: Path | None, picture: Path | None, film: Path | None, **how: Any
+) -> list[Path]:
+    """What of a run was asked for, and where it is; how : the film is, see `animate_scene`."""
     written = [path for path in (table, picture, film) if path is not None]
     if table is not None:
         events = table.with_suffix(".events.csv")
@@ -148,7 +162,7 @@ def _write(run: Run, table: Path | None, picture: Path | None, film: Path | None
     if film is not None:
         from reports.sections.figures import animate_scene
 
-        animate_scene(run, film)
+        animate_scene(run, film, **how)
     return written
 
 
@@ -162,6 +176,7 @@ def record(
         typer.Argument(
             metavar="[SCENE...]",
             help="default: the paper's four; or mujoco:NAME, a model of ours or an .xml of yours",
+            autocompletion=completion.scenes,
         ),
     ] = None,
     settings: Sets = None,

@@ -34,6 +34,9 @@ def report(
 @app.command()
 @told
 def study(
+    plan_file: Annotated[
+        Path | None, typer.Argument(metavar="[PLAN.toml]", help="a study that is written down")
+    ] = None,
     quick: Annotated[
         bool, typer.Option("--quick", help="about a minute: short motions, one pass, fast backends")
     ] = False,
@@ -55,6 +58,9 @@ def study(
 
     An interrupted study continues where it stopped. The report is RESULTS/report/index.html.
 
+    A plan in TOML has any of scenes, solvers, settings, arms, repeats, until, time_limit and
+    slow_pass; the options here go before it, and a copy stays with the results.
+
     With --cluster or --workers, what is compared in time stays together: one scene at one accuracy
     is one job, done by one worker.
     """
@@ -63,22 +69,26 @@ def study(
     from glambda.display import replay_table
     from harness.progress import shown
     from harness.results.store import read_results
-    from harness.study.study import QUICK, StudyPlan, run_study
+    from harness.study.plan_file import read_plan
+    from harness.study.study import QUICK, StudyPlan, estimate, run_study
     from problems.scenes.registry import chosen_scenes
     from reports.page.page import write_report
 
-    plan = QUICK if quick else StudyPlan()
+    plan, written = QUICK if quick else StudyPlan(), None
+    if plan_file is not None:
+        plan, written = read_plan(plan_file, plan)
     if scenes is not None:
         plan = with_changes(plan, scenes=chosen_scenes(scenes))
     if solvers is not None:
         plan = with_changes(plan, solvers=tuple(chosen_solvers(solvers)))
     folder = results or Path("results/quick" if quick else "results")
     console = terminal(err=True)
+    say(estimate(plan), err=True)
     with shown("study", console) as tell:
-        run_study(plan, folder, cluster=cluster_of(workers, cluster), progress=tell)
+        run_study(
+            plan, folder, written=written, cluster=cluster_of(workers, cluster), progress=tell
+        )
     with console.status("drawing the report"):
         page = write_report(folder, folder / "report")
-    rows = read_results(folder)
-    for setting in plan.settings:
-        terminal().print(replay_table(rows[rows["settings"] == setting]))
+    terminal().print(replay_table(read_results(folder)))
     say(str(page))

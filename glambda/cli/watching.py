@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
-from glambda.cli.app import Sets, app, scene_of_bodies, told
+from glambda.cli.app import SceneName, Sets, app, scene_of_bodies, told
 
 
 @app.command()
 @told
 def watch(
-    scene: Annotated[str, typer.Argument(help="a scene of bodies, see 'glambda scenes'")],
+    scene: SceneName,
     settings: Sets = None,
 ) -> None:
     """Watch a scene in a window: pause, step, save a QP, drop or introduce a constraint.

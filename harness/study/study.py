@@ -17,6 +17,7 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+from harness.files.whole_files import write_whole
 from harness.judging.facts import SETTINGS
 from harness.machine.calibration import clock_facts
 from harness.machine.kernels import compile_ahead
@@ -35,6 +36,8 @@ from problems import scene as make_scene
 from problems.scenes.labels import PAPER_SCENES, parse_label
 from solvers.active_set.lotstedt import VARIANTS as LOTSTEDT_VARIANTS
 
+PASS_SECONDS = 0.8
+"""[s] of a pass over a scene of the paper, judging included, on average of all backends."""
 VARIANTS = tuple(f"{PAPER}[{variant}]" for variant in LOTSTEDT_VARIANTS if variant)
 """Variants of the paper's method that the study compares with it."""
 
@@ -86,6 +89,22 @@ QUICK = StudyPlan(
 """About a minute on two cores."""
 
 
+def estimate(plan: StudyPlan) -> str:
+    """How much a study does, and how long that takes on two cores like those of the table's."""
+    runs = len(plan.scenes) * len(plan.settings) * len(plan.arms) * len(plan.named_solvers())
+    minutes = max(round(runs * plan.repeats * PASS_SECONDS / 60), 1)
+    return (
+        f"study: {_count(runs, 'run')} of {_count(plan.repeats, 'pass')}; some "
+        f"{_count(minutes, 'minute')}; interrupted, the same command continues"
+    )
+
+
+def _count(number: int, what: str) -> str:
+    """A number of things, in words."""
+    many = "" if number == 1 else "es" if what.endswith("s") else "s"
+    return f"{number:,} {what}{many}"
+
+
 def record_into(
     folder: Path, label: str, *, until: float | None = None, progress: Progress | None = None
 ) -> Recording:
@@ -104,11 +123,13 @@ def run_study(
     plan: StudyPlan,
     results: Path,
     *,
+    written: bytes | None = None,
     cluster: str | int | None = None,
     progress: Progress | None = None,
 ) -> list[Recording]:
     """Record and replay; the report is the command line's to call, since it is another package's.
 
+    written : the file that the plan is from; a copy stays with the results, study.toml
     cluster : address of a Dask scheduler, or a number of workers to start here; None: neither
 
     Raises ValueError for a plan without scenes or with unknown ones, before anything is written,
@@ -133,6 +154,8 @@ def run_study(
             "commit": commit(),
         }
     )
+    if written is not None:
+        write_whole(results / "study.toml", written)
     compile_ahead(tell=progress)
     recordings = [
         record_into(results / "recordings", label, until=plan.until, progress=progress)

@@ -10,7 +10,7 @@ from functools import cache
 from typing import Any
 
 from problems.networks.network import Network
-from problems.registry import load, unknown, with_plug_ins
+from problems.registry import load, meant, unknown, with_plug_ins
 from problems.scenes.scene import Scene
 from problems.space.scene import SpaceScene
 
@@ -143,7 +143,8 @@ def scene(name: str, **parameters: Any) -> Any:
     for key, value in parameters.items():
         if key not in defaults:
             raise ValueError(
-                f"scene {name!r} has no parameter {key!r}; it has: {', '.join(defaults)}"
+                f"scene {name!r} has no parameter {key!r}; {meant(key, defaults)}it has: "
+                f"{', '.join(defaults)}"
             )
         parameters[key] = _like(value, defaults[key], f"scene {name!r}: {key}")
         if parameters[key] > limits.get(key, math.inf):

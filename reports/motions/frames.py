@@ -1,7 +1,8 @@
-"""Pictures of the bodies: a sheet of frames like the paper's figures 2 to 5, and an animation.
+"""Pictures of the bodies: a sheet of frames like the paper's figures 2 to 5, and a film.
 
 Each frame shows the bodies with their numbers (from 1, as in the paper; they turn with the body),
-the ground, springs, and joints as bars and pins.  The time in seconds stands under the frame.
+the ground, springs, and joints as bars and pins.  The time in seconds stands under the frame, and
+a bar at the right tells the scale.
 
 All frames of a sheet have one scale and equal axes.  Where the bodies stay together, and where
 there is one only, they also have the same limits, side by side in a grid.  Where the bodies drift
@@ -19,13 +20,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from problems.space.run import SpaceRun
+from reports.motions.film import FPS, PIXELS, film
 from reports.motions.motion import Array, Motion, frame_times, motion_of
 from reports.motions.network import animate_network, is_network, plot_network
 from reports.motions.space import animate_space, plot_space
-from reports.parts.style import BODIES, FAINT, INK, PAGE_WIDTH, PAPER, SOFT, drawing, save
+from reports.parts.style import BODIES, FAINT, INK, PAGE_WIDTH, SOFT, drawing, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 FRAMES = 12
 """Pictures on a sheet unless told otherwise."""
@@ -105,6 +108,7 @@ def plot_scene(
     with drawing() as Figure:
         figure = Figure(figsize=(PAGE_WIDTH, total))
         figure.text(0.0, 1 - 0.07 / total, motion.label, va="top", weight="bold", size=10)
+        draw_scale(figure, scale, 1 - 0.15 / total)
         number, bottom = 0, total - TITLE
         for row, height in zip(rows, heights, strict=True):
             bottom -= height
@@ -169,26 +173,24 @@ def _columns(count: int, aspect: float) -> int:
     return min(range(2 if count > 1 else 1, min(count, 6) + 1), key=fault)
 
 
-def animate_scene(source: Any, path: str | Path, *, fps: int = 25, speed: float = 1.0) -> Path:
-    """Write the motion of a `Run` or `Recording` as an animated GIF.
+def animate_scene(
+    source: Any, path: str | Path, *, fps: int = FPS, speed: float = 1.0, pixels: int = PIXELS
+) -> Path:
+    """Write the motion of a `Run` or `Recording` as a film, .gif or .mp4.
 
-    fps : pictures per second
-    speed : seconds of motion shown in one second
+    fps : pictures per second;  speed : seconds of motion shown in one second
+    pixels : width of a picture
 
-    Returns the path.  Raises ValueError for a suffix other than .gif, or speeds that are not
-    positive.
+    Returns the path.  Raises ValueError for another suffix, or numbers that are not positive, and
+    ImportError for an MP4 where there is no FFmpeg.
     """
     path = Path(path)
-    if path.suffix.lower() != ".gif":
-        raise ValueError(f"{path.name}: an animation is written as .gif")
-    if not (fps > 0 and speed > 0):
-        raise ValueError(f"fps = {fps} and speed = {speed} must be positive")
+    if not speed > 0:
+        raise ValueError(f"speed = {speed}; it must be positive")
     if isinstance(source, SpaceRun):
-        return animate_space(source, path, fps, speed)
+        return animate_space(source, path, fps, speed, pixels)
     if is_network(source):
-        return animate_network(source, path, fps)
-    from matplotlib.animation import PillowWriter
-
+        return animate_network(source, path, fps, pixels)
     motion = motion_of(source)
     begin, end = float(motion.t[0]), float(motion.t[-1])
     times = np.linspace(begin, end, max(2, 1 + round((end - begin) / speed * fps)))
@@ -196,21 +198,36 @@ def animate_scene(source: Any, path: str | Path, *, fps: int = 25, speed: float 
     window = window_of(motion, poses)
     width = min(7.0, 5.0 * window.width / window.height)
     height, caption = width * window.height / window.width, 0.3
-    path.parent.mkdir(parents=True, exist_ok=True)
     with drawing() as Figure:
         figure = Figure(figsize=(width, height + caption))
         base = caption / (height + caption)
         axes = figure.add_axes((0, base, 1, 1 - base))
         clock = figure.text(0.5, 0.5 * base, "", ha="center", va="center")
-        writer = PillowWriter(fps=fps)
-        with writer.saving(figure, str(path), dpi=90):
+        draw_scale(figure, width / window.width, 0.5 * base)
+        with film(figure, path, fps, pixels) as take:
             for time, pose in zip(times, poses, strict=True):
                 axes.clear()
                 draw_bodies(axes, motion, pose, window)
                 clock.set_text(f"{time:.2f} s")
-                # Pictures of a GIF lie on top of one another: each needs its own ground.
-                writer.grab_frame(facecolor=PAPER)
+                take()
     return path
+
+
+def draw_scale(figure: Figure, scale: float, at: float) -> None:
+    """A bar of 1, 2 or 5 · 10ⁿ m at the right of a figure, with its length.
+
+    scale : [in/m];  at : its height, of that of the figure
+    """
+    from matplotlib.lines import Line2D
+
+    width = figure.get_figwidth()
+    longest = 0.15 * width / scale
+    ten = 10.0 ** np.floor(np.log10(longest))
+    length = float(ten * max(step for step in (1, 2, 5) if step * ten <= longest))
+    right = 1 - 0.06 / width
+    ends = [right - length * scale / width, right]
+    figure.add_artist(Line2D(ends, [at, at], color=INK, linewidth=1.6, solid_capstyle="butt"))
+    figure.text(ends[0] - 0.06 / width, at, f"{length:g} m", ha="right", va="center", size=8)
 
 
 def draw_bodies(

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from problems import scene
 from problems.networks.network import Network
 from problems.networks.run import NetworkRun
-from reports.parts.style import BODIES, FAINT, INK, PAGE_WIDTH, PAPER, SOFT, drawing, save
+from reports.motions.film import film
+from reports.parts.style import BODIES, FAINT, INK, PAGE_WIDTH, SOFT, drawing, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -120,21 +121,17 @@ def plot_network(source: Any, path: str | Path) -> Path:
         return save(figure, Path(path))
 
 
-def animate_network(source: Any, path: Path, fps: int) -> Path:
-    """Write how currents and voltages come about as a GIF."""
-    from matplotlib.animation import PillowWriter
-
+def animate_network(source: Any, path: Path, fps: int, pixels: int) -> Path:
+    """Write how currents and voltages come about as a film."""
     trace = trace_of(source)
     times = np.linspace(trace.t[0], trace.t[-1], PICTURES)
-    path.parent.mkdir(parents=True, exist_ok=True)
     with drawing() as Figure:
         figure = Figure(figsize=(6.0, HEIGHT))
-        writer = PillowWriter(fps=fps)
-        with writer.saving(figure, str(path), dpi=90):
+        with film(figure, path, fps, pixels) as take:
             for time in times:
                 figure.clear()
                 _draw(figure, trace.until(time), trace)
-                writer.grab_frame(facecolor=PAPER)
+                take()
     return path
 
 

@@ -18,7 +18,8 @@ from problems.space.attitude import rotations
 from problems.space.run import SpaceRun
 from problems.space.scene import Plane
 from problems.space.solids import SIGNS, Solid
-from reports.parts.style import BODIES, FAINT, INK, PAGE_WIDTH, PAPER, drawing, save
+from reports.motions.film import film
+from reports.parts.style import BODIES, FAINT, INK, PAGE_WIDTH, drawing, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -85,23 +86,19 @@ def plot_space(
         return save(figure, Path(path))
 
 
-def animate_space(run: SpaceRun, path: Path, fps: int, speed: float) -> Path:
-    """Write the motion of a run as a GIF; the options are those of `animate_scene`."""
-    from matplotlib.animation import PillowWriter
-
+def animate_space(run: SpaceRun, path: Path, fps: int, speed: float, pixels: int) -> Path:
+    """Write the motion of a run as a film; the options are those of `animate_scene`."""
     length = float(run.t[-1] - run.t[0])
     times = np.linspace(run.t[0], run.t[-1], max(2, 1 + round(length / speed * fps)))
     stage = Stage.of(run, times)
-    path.parent.mkdir(parents=True, exist_ok=True)
     with drawing() as Figure:
         figure = Figure(figsize=(5.0, 5.0 * stage.aspect))
         axes = figure.add_axes((0, 0, 1, 1))
-        writer = PillowWriter(fps=fps)
-        with writer.saving(figure, str(path), dpi=90):
+        with film(figure, path, fps, pixels) as take:
             for time in times:
                 axes.clear()
                 _draw(axes, run, float(time), stage)
-                writer.grab_frame(facecolor=PAPER)
+                take()
     return path
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from harness.recordings.recording import Recording
 from harness.study.record import recording_of
 from problems.qp import FREE, ContactQP, Solution, Status
 from problems.stepping.run import Event
+from reports.motions.film import ffmpeg
 from reports.motions.frames import animate_scene, plot_scene, window_of
 from reports.motions.motion import frame_times, motion_of
 from reports.page.page import prose, report, unflattering, write_report
@@ -645,10 +647,35 @@ def test_animation(tmp_path):
             dark.append(int((np.asarray(image.convert("L")) < 100).sum()))
     # What moved on leaves no trace behind.
     assert max(dark) < 1.2 * min(dark)
-    with pytest.raises(ValueError, match=r"is written as \.gif"):
-        animate_scene(recording, tmp_path / "a.mp4")
+    with pytest.raises(ValueError, match=r"is written as \.gif or \.mp4"):
+        animate_scene(recording, tmp_path / "a.avi")
     with pytest.raises(ValueError, match="must be positive"):
         animate_scene(recording, tmp_path / "a.gif", fps=0)
+
+
+@pytest.mark.parametrize(("speed", "pictures"), [(1.0, 6), (0.5, 11)])
+def test_a_film_has_its_size_and_speed(speed, pictures, tmp_path):
+    from PIL import Image
+
+    path = animate_scene(make_recording(), tmp_path / "a.gif", fps=5, speed=speed, pixels=320)
+    with Image.open(path) as image:
+        assert image.n_frames == pictures and image.width == 320
+
+
+def test_an_mp4_needs_ffmpeg(tmp_path, monkeypatch):
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(ImportError, match=r"extra \[film\]"):
+        animate_scene(make_recording(), tmp_path / "a.mp4")
+
+
+def test_an_mp4_is_written(tmp_path):
+    try:
+        ffmpeg()
+    except ImportError as error:
+        pytest.skip(str(error))
+    path = animate_scene(make_recording(), tmp_path / "a.mp4", fps=5, pixels=321)
+    assert b"ftyp" in path.read_bytes()[:16]
 
 
 def test_figures_exist(tmp_path, study):
