@@ -17,8 +17,14 @@ LINE_EVERY = 20.0
 
 
 @contextmanager
-def shown(title: str, console: Console) -> Iterator[Progress]:
-    """Show the progress that is told to the callable, under `title`, until the block ends."""
+def shown(title: str, console: Console, minutes: float = 0.0) -> Iterator[Progress]:
+    """Show the progress that is told to the callable, under `title`, until the block ends.
+
+    minutes : that all of it takes, as it stands by default, on two cores; told beforehand
+    """
+    if minutes:
+        text = f"{title}: by default some {minutes:g} minutes on two cores"
+        console.print(text, markup=False, highlight=False)
     if not console.is_terminal:
         yield _Lines(title, console)
         return
@@ -44,11 +50,20 @@ class _Lines:
 
     def __init__(self, title: str, console: Console) -> None:
         self.title, self.console = title, console
-        self.told = time.monotonic()
+        self.told = self.begun = time.monotonic()
+        self.done = 0.0
 
     def __call__(self, what: str, done: float, total: float) -> None:
         now = time.monotonic()
+        if done < self.done:  # something else has begun
+            self.begun = now
+        self.done = done
         if now - self.told >= LINE_EVERY and total > 0:
             self.told = now
-            line = f"{self.title}: {100 * done / total:.0f} % {what}"
+            line = f"{self.title}: {100 * done / total:.0f} % {what}{self._left(now, done, total)}"
             self.console.print(line, markup=False, highlight=False)
+
+    def _left(self, now: float, done: float, total: float) -> str:
+        """How long the rest takes at the pace so far, where that is over a minute."""
+        minutes = (now - self.begun) * (total / done - 1) / 60 if done > 0 else 0.0
+        return f", some {minutes:.0f} min left" if minutes > 1 else ""
