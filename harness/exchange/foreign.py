@@ -38,7 +38,12 @@ def vector(name: str, value: Any, size: int | None = None, *, bound: bool = Fals
         return _finite(name, array)
     if np.isnan(array).any():
         raise Foreign(f"{name}: holds NaN at index {int(np.argmax(np.isnan(array)))}")
-    return np.where(np.abs(array) >= INFINITE, np.copysign(np.inf, array), array)
+    return endless(array)
+
+
+def endless(bounds: Vector) -> Vector:
+    """Bounds, infinite from `INFINITE` on."""
+    return np.where(np.abs(bounds) >= INFINITE, np.copysign(np.inf, bounds), bounds)
 
 
 def matrix(name: str, value: Any, shape: tuple[int | None, int | None] = (None, None)) -> Matrix:

@@ -25,7 +25,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from harness.exchange.factors import factor
-from harness.exchange.foreign import Foreign, bounds, in_order, matrix, vector
+from harness.exchange.foreign import Foreign, bounds, endless, in_order, matrix, vector
 from problems.qp import ContactQP, Indices, Matrix, Vector
 
 EXACT = 1e-12
@@ -79,7 +79,9 @@ class Quadratic:
 
         rows : general constraints, each (name, C, low, high) with None for no bound
 
-        A row of C with one entry is a bound on that x.  Raises Foreign, naming the field.
+        A row of C with one entry is a bound on that x, and one of zeros is none.
+
+        Raises Foreign, naming the field.
         """
         q = vector("q", q)
         P = matrix("P", P, (q.size, q.size))
@@ -105,8 +107,13 @@ class Quadratic:
             j, a = int(C.indices[C.indptr[i]]), float(C.data[C.indptr[i]])
             ends = sorted((low[i] / a, high[i] / a))
             lower[j], upper[j] = max(lower[j], ends[0]), min(upper[j], ends[1])
+        lower, upper = endless(lower), endless(upper)
         in_order("lb", lower, "ub, rows of one entry among them,", upper)
-        kept = np.flatnonzero(~single & (np.isfinite(low) | np.isfinite(high)))
+        empty = np.diff(C.indptr) == 0
+        for i in np.flatnonzero(empty & ((low > 0) | (high < 0)))[:1]:
+            raise Foreign(f"rows: number {i} is 0, and its bounds {low[i]:g} and {high[i]:g} are "
+                          "on one side of that: no x meets it")  # fmt: skip
+        kept = np.flatnonzero(~single & ~empty & (np.isfinite(low) | np.isfinite(high)))
         return cls(P, q, sp.csc_array(C[kept]), low[kept], high[kept], lower, upper)
 
     def qps(self, tolerance: float) -> tuple[list[ContactQP], dict[str, Any]]:

@@ -22,6 +22,7 @@ import scipy.sparse as sp
 from scipy.io import loadmat, savemat
 
 from harness.exchange.apart import arrays_apart
+from harness.exchange.foreign import Foreign
 from harness.exchange.importing import read_problems
 from tests.endurance.damage import SORTS, Random, damage
 from tests.harness.exchange import foreign_files as ff
@@ -205,8 +206,11 @@ class MatTarget(ImportTarget):
         savemat(self.path, said)
 
     def plain(self) -> Parts | None:
-        with open(self.path, "rb") as file:  # which may be the end of whoever reads it
-            said = arrays_apart(_dense_variables, file)
+        try:
+            with open(self.path, "rb") as file:  # which may be the end of whoever reads it
+                said = arrays_apart(_dense_variables, file)
+        except Foreign:
+            return None  # SciPy has read it a moment ago, and now died of it
         P, A = said["P"], said["A"]
         low, high = (np.asarray(said[n], float).ravel() for n in ("l", "u"))
         scale = np.diag(A)

@@ -117,6 +117,17 @@ def test_a_quadratic_with_bounds_is_factored(tmp_path: Path) -> None:
     assert np.allclose(qp.dense_A.T @ qp.d, -A.T @ b, atol=1e-13)
 
 
+def test_a_row_of_zeros_is_no_bound_and_may_not_ask_for_what_is_not(tmp_path: Path) -> None:
+    parts = {name: ff.quadratic()[name] for name in ("P", "q", "lb", "ub")}
+    G, h = np.zeros((2, 4)), np.array([1.0, np.inf])
+    np.savez(tmp_path / "own.npz", **parts, G=G, h=h)
+    made = import_files([tmp_path / "own.npz"])
+    assert made.parameters["import.form"] == "factored"
+    np.savez(tmp_path / "none.npz", **parts, G=G, h=np.array([-1.0, 0.0]))
+    with pytest.raises(ValueError, match=r"none\.npz: rows: number 0 is 0, .* no x meets it"):
+        import_files([tmp_path / "none.npz"])
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_rows_become_multipliers(seed: int, tmp_path: Path) -> None:
     parts = ff.quadratic(seed)
