@@ -4,15 +4,7 @@
     python -m tests.endurance.processors --scenes fig4      one of them
     python -m tests.endurance.processors --run another -m pytest -m rounding     any module, as one
 
-On one type of processor, with the same versions, the same command gives the same recording bit for
-bit.  On another one BLAS, NumPy and the compiled kernels sum in another order.  Each environment
-here is a process of its own, told by variables of these libraries to do as on another processor:
-
-    OPENBLAS_CORETYPE            the processor whose BLAS kernels are used
-    NPY_DISABLE_CPU_FEATURES     vector instructions that NumPy is to do without
-    NUMBA_CPU_NAME, NUMBA_OPT    the processor that kernels are compiled for, and how well
-
-Columns of the table, against the first environment:
+Environments are those of `harness.motions.as_elsewhere`.  Columns of the table, against the first:
 
     recording   "same" if the content of the recordings is the same, bit for bit
     apart       largest error of a pose [m] (`harness.motions.motion_error`) over the whole motion
@@ -25,54 +17,22 @@ from __future__ import annotations
 
 import argparse
 import os
-import signal
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import numpy as np
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
 from harness.machine.threads import ask_for_one_thread
-from harness.motions.motion_error import Motion, match_events, pose_error
-from harness.recordings.recording import Recording, read_recording, write_recording
-from harness.study.record import recording_of
-from problems import scene, simulate
-from solvers import make_solver
+from harness.motions.as_elsewhere import ENVIRONMENTS, motion_in, record_in
+from harness.motions.motion_error import match_events, pose_error
+from harness.recordings.recording import read_recording
 
 SCENES = ("fig2", "fig3", "fig4", "fig5")
-METHOD = "glambda"
-
-
-def dispatched() -> str:
-    """The vector instructions of this processor that NumPy can do without."""
-    from numpy._core import _multiarray_umath as umath
-
-    return " ".join(name for name in umath.__cpu_dispatch__ if umath.__cpu_features__[name])
-
-
-GENERIC = {"NUMBA_CPU_NAME": "generic", "NUMBA_OPT": "1"}
-"""Optimized less as well, which sums in yet another order and compiles sooner.  Always together:
-numba's cache tells processors apart, and not how much was optimized."""
-ENVIRONMENTS: dict[str, dict[str, str]] = {
-    "this": {},
-    "nehalem": {"OPENBLAS_CORETYPE": "Nehalem"},
-    "haswell": {"OPENBLAS_CORETYPE": "Haswell"},
-    "skylakex": {"OPENBLAS_CORETYPE": "SkylakeX"},
-    "zen": {"OPENBLAS_CORETYPE": "Zen"},
-    "plain_numpy": {"NPY_DISABLE_CPU_FEATURES": dispatched()},
-    "generic_kernels": GENERIC,
-    "another": {
-        "OPENBLAS_CORETYPE": "Nehalem",
-        "NPY_DISABLE_CPU_FEATURES": dispatched(),
-        **GENERIC,
-    },
-}
-"""By name, the variables of each.  A processor without AVX-512 dies of SkylakeX's instructions."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -86,7 +46,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         metavar="ENVIRONMENT ARGUMENTS",
         help=f"run `python ARGUMENTS` in one of {', '.join(ENVIRONMENTS)}",
     )
-    parser.add_argument("--into", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     if options.run is not None:
         name, *command = options.run or [""]
@@ -94,11 +53,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             parser.error(f"--run {name!r} is unknown; choose from {', '.join(ENVIRONMENTS)}")
         variables = {**os.environ, **ENVIRONMENTS[name]}
         return subprocess.run([sys.executable, *command], env=variables).returncode
-    if options.into is not None:
-        for name in options.scenes:
-            run = simulate(scene(name), make_solver(METHOD))
-            write_recording(options.into / f"{name}.h5", recording_of(run, METHOD))
-        return 0
     with TemporaryDirectory() as folder:
         Console().print(table(Path(folder), options.scenes))
     return 0
@@ -111,22 +65,13 @@ def table(folder: Path, scenes: Sequence[str]) -> Table:
     for number, (name, variables) in enumerate(watched):
         into = folder / str(number)
         into.mkdir()
-        failure = run_in(variables, into, scenes)
+        failure = record_in(variables, into, scenes)
         for label in scenes:
             if failure:
                 out.add_row(name, label, failure, "", "", "", "")
             elif number:
                 out.add_row(name, label, *difference(folder / "0", into, label))
     return out
-
-
-def run_in(variables: dict[str, str], into: Path, scenes: Sequence[str]) -> str:
-    """Record the scenes in a process with these variables; "" or why that failed."""
-    own = [sys.executable, __file__, "--into", str(into), "--scenes", *scenes]
-    done = subprocess.run(own, env={**os.environ, **variables}, capture_output=True, text=True)
-    if done.returncode < 0:
-        return signal.Signals(-done.returncode).name
-    return (done.stderr.strip() or "failed").splitlines()[-1] if done.returncode else ""
 
 
 def difference(first: Path, other: Path, label: str) -> list[str]:
@@ -142,14 +87,6 @@ def difference(first: Path, other: Path, label: str) -> list[str]:
         f"{events.matched} / {events.missing + events.extra}",
         f"{events.largest:.1e}",
     ]
-
-
-def motion_in(recording: Recording) -> Motion:
-    """The motion that was recorded."""
-    radius = np.array(
-        [np.linalg.norm(np.vstack(body), axis=1).max() for body in recording.polygons]
-    )
-    return Motion(recording.t, recording.q, recording.v, radius, recording.events)
 
 
 if __name__ == "__main__":
