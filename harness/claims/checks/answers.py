@@ -9,6 +9,8 @@ from harness.claims.checks.motions import qps_of, run_of
 from harness.judging.facts import facts_of
 from harness.judging.judge import judge
 from harness.judging.oracle import reference
+from harness.judging.proof import COLUMNS, prove
+from harness.motions.as_elsewhere import apart
 from problems import scene, simulate
 from solvers import available_solvers, make_solver
 
@@ -57,3 +59,25 @@ def caught(error: float) -> float:
         verdict = judge(qp, x, asked=1e-9 * facts.scale, reference=known).verdict
         wrong += verdict == "claimed_wrong"
     return wrong / CASES
+
+
+@check
+def proved(columns: int = COLUMNS) -> float:
+    """Share of QPs of fig4 whose answer, from ours, is had in exact arithmetic.
+
+    columns : most that may be tried
+    """
+    qps, solver = qps_of(run_of("fig4", 2.5), "step"), make_solver("glambda")
+    chosen = [qps[i] for i in np.linspace(0, len(qps) - 1, CASES).astype(int)]
+    found = [prove(qp, np.asarray(solver.solve(qp).x), columns=columns) for qp in chosen]
+    return float(np.mean([proof is not None for proof in found]))
+
+
+@check
+def rounded_apart(labels: str, environment: str, size: float = 0.0) -> float:
+    """Largest pose error [m] of motions as another processor would round them, against ours.
+
+    labels : scenes, with commas between;  environment : of `harness.motions.as_elsewhere`
+    size : by which the first body is moved there at the start [m]
+    """
+    return max(apart(label, environment, size) for label in labels.split(","))

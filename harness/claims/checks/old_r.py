@@ -13,13 +13,27 @@ from harness.claims.checking import check
 from harness.claims.checks.bead import slope
 from harness.claims.checks.motions import run_of
 from harness.criterion.cost_model import fit_growth
-from harness.criterion.enumeration_growth import fit_base, randomly
-from harness.criterion.estimates import norms
-from harness.criterion.factor_rules import Link, drive, fixed, paper, sequence
+from harness.criterion.estimates import ages, norms, unit_columns
+from harness.criterion.estimates import factor as factor_of
+from harness.criterion.factor_rules import (
+    Link,
+    Rule,
+    drive,
+    exact,
+    fixed,
+    paper,
+    paper_deferred,
+    sequence,
+)
 from harness.recordings.recording import Recording
 from harness.study.record import recording_of
 from problems import scene, simulate
+from problems.qp import FREE
 from solvers import make_solver
+
+INTERVALS = (1, 2, 3, 5, 8, 12, 18, 25, 40)
+CASES, DRAWN = 60, 4
+"""QPs of a recording, and random vectors for each."""
 
 
 @cache
@@ -42,6 +56,23 @@ def beyond_limit(label: str, limit: float = nan) -> float:
     kept = steps[(steps["qr_factorizations"] == 0) & steps["warm"] & (steps["f"] > 0)]
     kept = kept[(kept["descent_directions"] == 1) & (kept["working_set_changes"] == 0)]
     return float((kept["cg_iterations"] - np.sqrt(2 * kept["C_QR"] / kept["C_IT"])).max())
+
+
+@check
+def cost_over_best(label: str, rule: str) -> float:
+    """Flops of a rule over those of the fixed interval that is best, known from `INTERVALS`.
+
+    rule : the printed one in the "middle" of a QP or at its "end", "exact" without conjugate
+        gradients, or "best" itself
+    """
+    links = _links(label)
+    rules: dict[str, Rule] = {"middle": paper(), "end": paper_deferred(), "exact": exact()}
+    best = min(_flops(links, fixed(interval)) for interval in INTERVALS)
+    return 1.0 if rule == "best" else _flops(links, rules[rule]) / best
+
+
+def _flops(links: list[Link], rule: Rule) -> float:
+    return float(drive(links, rule)["flops"].sum())
 
 
 @check
@@ -86,6 +117,30 @@ def scaling(of: str) -> float:
 
 
 @check
-def guesses(column: str) -> float:
-    """By what the "sets" of an enumeration, or "directions", grow with each row of random QPs."""
-    return fit_base(randomly(range(2, 13)), column).base
+def error_bound(label: str, factor: float = 1.0) -> float:
+    """Largest ‖A_F δp‖ over ‖R⁻¹‖ ‖v‖, v = A_FᵀA_F δp and R that of A_F; factor : of ‖R⁻¹‖.
+
+    δp are drawn, and the one for which (3.20) is sharp.
+    """
+    recording, rng, most = _recording(label), np.random.default_rng(0), 0.0
+    for place in np.linspace(0, len(recording.qps) - 1, CASES).astype(int):
+        qp, solution = recording.qps[place], recording.solutions[place]
+        free = np.flatnonzero(solution.working_set == FREE)
+        if not free.size:
+            continue
+        B = unit_columns(qp, free)
+        inverse = factor * factor_of(B).inverse_norm
+        drawn = rng.standard_normal((DRAWN, free.size))
+        for p in (*drawn, np.linalg.svd(B)[2][-1]):
+            moved = B @ p
+            bound = inverse * np.linalg.norm(B.T @ moved)
+            most = max(most, float(np.linalg.norm(moved) / bound))
+    return most
+
+
+@check
+def inverse_grown(label: str, age: int) -> float:
+    """Largest ‖R⁻¹‖ of today's A_F over that of the R of so many steps ago."""
+    found = ages(_recording(label))
+    found = found[found["age"] == age]
+    return float((found["today"] / found["then"]).max())

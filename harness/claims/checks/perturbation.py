@@ -75,6 +75,25 @@ def equalities(sign: float) -> float:
 
 
 @check
+def other_equalities(sign: float) -> float:
+    """p in ‖δx‖ = c η^p for A = (1, 0), δA = (0, η), d = 0 and δd = sign η, rank 1 throughout.
+
+    0 ≤ x_1, −1 ≤ x_2 ≤ 1.  On N(A) x_2 is free; with sign = 1 it must be −1 at the answer to
+    (3.15)δ, so that S ≠ S_δ.
+    """
+    moved = [np.linalg.norm(_on_a_line(np.array([1.0, eta]), -sign * eta)) for eta in SIZES]
+    return slope(SIZES, np.array(moved))
+
+
+def _on_a_line(a: Vector, level: float) -> Vector:
+    """The least x with a·x = level, 0 ≤ x_1, −1 ≤ x_2 ≤ 1; a·x = level can be met."""
+    x, along = a * level / (a @ a), np.array([-a[1], a[0]])
+    low, high = np.array([0.0, -1.0]), np.array([np.inf, 1.0])
+    ends = np.array([(bound - x)[along != 0] / along[along != 0] for bound in (low, high)])
+    return np.asarray(x + along * np.clip(0.0, ends.min(axis=0).max(), ends.max(axis=0).min()))
+
+
+@check
 def same_force(of: str, scale: float = 1.0) -> float:
     """Largest relative distance of A x ("Ax") or x ("x") of two answers to redundant QPs of fig5.
 

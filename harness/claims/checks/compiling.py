@@ -1,0 +1,26 @@
+"""How long kernels take to compile."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from tempfile import TemporaryDirectory
+
+from harness.claims.checking import check
+
+COMMAND = [sys.executable, "-m", "harness.machine.kernels"]
+
+
+@check
+def minutes(kept: bool) -> float:
+    """Minutes of `harness.machine.kernels` without kernels, or where they are `kept`."""
+    with TemporaryDirectory() as folder:
+        path = os.pathsep.join(part or os.getcwd() for part in sys.path)
+        environment = {**os.environ, "PYTHONPATH": path, "XDG_CACHE_HOME": folder}
+        if kept:
+            subprocess.run(COMMAND, env=environment, check=True, capture_output=True)
+        began = time.perf_counter()
+        subprocess.run(COMMAND, env=environment, check=True, capture_output=True)
+        return (time.perf_counter() - began) / 60.0

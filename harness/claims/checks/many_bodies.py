@@ -1,0 +1,39 @@
+"""QPs of many columns: what our method takes, and where a package is faster."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from harness.claims.checking import check
+from harness.claims.growth import STEP, sequence
+from harness.judging.facts import ASKED_RELATIVE, facts_of
+from harness.judging.judge import judge
+from harness.names import METHOD
+from harness.study.replay import replay
+from problems import scene, simulate
+from solvers import make_solver
+
+
+@check
+def columns_solved(bodies: int, accuracy: float = ASKED_RELATIVE["high"]) -> float:
+    """Columns of a QP of a frictionless tower that our method solves as the judge demands, or 0.
+
+    accuracy : asked of the method, relative to ‖A A⁺d‖; of the answer it is that of `high`
+    """
+    run = simulate(scene("tower", bodies=bodies), make_solver(METHOD), until=STEP, fixed_step=STEP)
+    qp = run.qps[-1]
+    scale = facts_of(qp).scale
+    found = make_solver(METHOD, accuracy=accuracy * scale).solve(qp)
+    verdict = judge(qp, found.x, asked=ASKED_RELATIVE["high"] * scale).verdict
+    return float(qp.k * (verdict == "verified"))
+
+
+@check
+def over_package(family: str, bodies: int, package: str) -> float:
+    """Median time of our method over that of a package, warm, at `high`, interleaved."""
+    with TemporaryDirectory() as folder:
+        recording = sequence(Path(folder), family, bodies)
+        rows = replay(recording, (METHOD, package), ("high",), ("warm",))
+    times = rows.groupby("solver")["runtime"].median()
+    return float(times[METHOD] / times[package])
