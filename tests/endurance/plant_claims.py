@@ -1,12 +1,12 @@
 """Changes planted in a copy of the code: which claims of the manifest turn?
 
-    python -m tests.endurance.plant_claims                 all of them: minutes, kernels compile anew
+    python -m tests.endurance.plant_claims                 all of them; kernels compile anew
     python -m tests.endurance.plant_claims criterion       one of them
 
-For each of `PLANTS` the packages are copied into a folder of its own, one line is changed there, and
-`glambda claims --slow` runs the claims that it is about, with kernels of that folder's own.  Before,
-the same claims must hold in the code as it is.  Exit code 1 where they do not, or where a claim
-that a change must turn still stands.
+For each of `PLANTS` the packages are copied into a folder of its own, one line is changed there,
+and `glambda claims --slow` runs the claims that it is about, with kernels of that folder's own.
+Before, the same claims must hold in the code as it is.  Exit code 1 where they do not, or where a
+claim that a change must turn still stands.
 """
 
 from __future__ import annotations

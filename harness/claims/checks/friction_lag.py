@@ -104,6 +104,20 @@ def steps_ratio(label: str, against: str, until: float = 3.0) -> float:
 
 
 @check
+def ends_apart(label: str, mu: float = 0.5, until: float = 3.0) -> float:
+    """Largest distance of the ends of a scene by the paper's friction rule and the corrected [m].
+
+    mu : with which the corrected rule runs; the paper's has 0.5
+    """
+    solver = make_solver("glambda")
+    one, other = (
+        simulate(scene(label, mu=by), solver, friction=rule, until=until, keep_qps=False).q[-1]
+        for rule, by in (("paper", 0.5), ("corrected", mu))
+    )
+    return float(np.abs(one - other).max())
+
+
+@check
 def sticks_again(label: str, friction: str, until: float = 3.0) -> float:
     """Slip → stick events of a run."""
     run = simulate(scene(label), make_solver("glambda"), friction=friction, until=until,

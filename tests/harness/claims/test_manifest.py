@@ -15,7 +15,9 @@ from harness.claims.checking import Outcome, judged, outcome, refuse_unknown
 from harness.claims.manifest import MANIFEST, Entry, chosen, read_manifest
 
 ENTRIES = read_manifest()
-README = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).parents[3]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+FINDINGS = (ROOT / "docs/findings.md").read_text(encoding="utf-8")
 GOOD = """
 [[claim]]
 id = "one"
@@ -50,6 +52,14 @@ def test_checks_and_sentences_that_are_named_are_there(entry: Entry) -> None:
     refuse_unknown(entry)
     if entry.source.startswith("README.md: "):
         assert entry.source.removeprefix("README.md: ") in re.sub(r"\s+", " ", README)
+
+
+def test_findings_rest_on_claims_and_leave_out_none_that_does_not_hold() -> None:
+    brackets = " ".join(re.findall(r"\(([^()`]*)\)", FINDINGS))
+    named = set(re.findall(r"(?<![\w/-])(?:\d+|r)-[a-z][a-z0-9-]*", brackets))
+    assert len(named) > 50
+    told = {entry.id for name in named for entry in chosen(ENTRIES, [name])}  # raises where absent
+    assert {entry.id for entry in ENTRIES if entry.disposition != "confirmed"} <= told
 
 
 def written(folder: Path, old: str = "", new: str = "") -> Path:
