@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
+
 from harness.claims.checking import check
 from harness.claims.growth import STEP, sequence
 from harness.judging.facts import ASKED_RELATIVE, facts_of
@@ -16,16 +18,16 @@ from solvers import make_solver
 
 
 @check
-def columns_solved(bodies: int, accuracy: float = ASKED_RELATIVE["high"]) -> float:
+def columns_solved(bodies: int, error: float = 0.0) -> float:
     """Columns of a QP of a frictionless tower that our method solves as the judge demands, or 0.
 
-    accuracy : asked of the method, relative to ‖A A⁺d‖; of the answer it is that of `high`
+    error : by which x is then made larger, relative
     """
     run = simulate(scene("tower", bodies=bodies), make_solver(METHOD), until=STEP, fixed_step=STEP)
     qp = run.qps[-1]
-    scale = facts_of(qp).scale
-    found = make_solver(METHOD, accuracy=accuracy * scale).solve(qp)
-    verdict = judge(qp, found.x, asked=ASKED_RELATIVE["high"] * scale).verdict
+    asked = ASKED_RELATIVE["high"] * facts_of(qp).scale
+    x = (1.0 + error) * np.asarray(make_solver(METHOD, accuracy=asked).solve(qp).x)
+    verdict = judge(qp, x, asked=asked).verdict
     return float(qp.k * (verdict == "verified"))
 
 
