@@ -76,7 +76,7 @@ def compile_ahead(parts: Sequence[str] = ("steps", "dense"), tell: Progress | No
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
-            env={**os.environ, **dict.fromkeys(VARIABLES, "1"), "PYTHONPATH": _path()},
+            env={**os.environ, **dict.fromkeys(VARIABLES, "1"), "PYTHONPATH": import_path()},
         )
         for lane in lanes
         if lane
@@ -95,7 +95,7 @@ def compile_ahead(parts: Sequence[str] = ("steps", "dense"), tell: Progress | No
             process.wait()
 
 
-def _path() -> str:
+def import_path() -> str:
     """What a process of ours finds modules by."""
     return os.pathsep.join(path or os.getcwd() for path in sys.path)
 

@@ -26,6 +26,7 @@ from typing import Any
 
 import numpy as np
 
+from harness.machine.kernels import import_path
 from harness.machine.threads import ask_for_one_thread
 from harness.motions.motion_error import Motion, pose_error
 from harness.names import METHOD
@@ -76,8 +77,7 @@ def record_in(
 ) -> str:
     """The same in a process with these variables; "" or why that failed."""
     own = [sys.executable, "-m", "harness.motions.as_elsewhere", str(into), *scenes, str(ahead)]
-    path = os.pathsep.join(part or os.getcwd() for part in sys.path)
-    environment = {**os.environ, "PYTHONPATH": path, **variables}
+    environment = {**os.environ, "PYTHONPATH": import_path(), **variables}
     done = subprocess.run(own, env=environment, capture_output=True, text=True)
     if done.returncode < 0:
         return signal.Signals(-done.returncode).name

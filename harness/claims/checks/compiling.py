@@ -9,6 +9,7 @@ import time
 from tempfile import TemporaryDirectory
 
 from harness.claims.checking import check
+from harness.machine.kernels import import_path
 
 COMMAND = [sys.executable, "-m", "harness.machine.kernels"]
 
@@ -17,8 +18,7 @@ COMMAND = [sys.executable, "-m", "harness.machine.kernels"]
 def minutes(kept: bool) -> float:
     """Minutes of `harness.machine.kernels` without kernels, or where they are `kept`."""
     with TemporaryDirectory() as folder:
-        path = os.pathsep.join(part or os.getcwd() for part in sys.path)
-        environment = {**os.environ, "PYTHONPATH": path, "XDG_CACHE_HOME": folder}
+        environment = {**os.environ, "PYTHONPATH": import_path(), "XDG_CACHE_HOME": folder}
         if kept:
             subprocess.run(COMMAND, env=environment, check=True, capture_output=True)
         began = time.perf_counter()

@@ -19,6 +19,7 @@ import pandas as pd
 
 from harness.claims.checking import check
 from harness.claims.checks.motions import run_of
+from harness.machine.kernels import import_path
 from harness.recordings.recording import Recording, write_recording
 from harness.results.shard_file import BY_CLOCK
 from harness.results.store import read_results
@@ -68,7 +69,9 @@ def differing(resume: bool) -> float:
         recording, killed, whole = (Path(name) / part for part in ("fig4.h5", "killed", "whole"))
         write_recording(recording, _recording())
         code = KILLED.format(solvers=SOLVERS)
-        ended = subprocess.run([sys.executable, "-c", code, recording, killed]).returncode
+        command = [sys.executable, "-c", code, str(recording), str(killed)]
+        environment = {**os.environ, "PYTHONPATH": import_path()}
+        ended = subprocess.run(command, env=environment).returncode
         if ended != -signal.SIGKILL:
             raise RuntimeError(f"the study was not killed, but ended with {ended}")
         for folder in (killed, whole):
