@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from problems.bodies.bodies import Body as Body
     from problems.bodies.bodies import box as box
     from problems.bodies.bodies import disc as disc
+    from problems.bodies.bodies import ellipse as ellipse
     from problems.bodies.bodies import polygon_body as polygon_body
     from problems.bodies.forces import Drive as Drive
     from problems.bodies.forces import Force as Force
@@ -84,7 +85,7 @@ HOMES = {
     "harness.recordings.of_qps": "recording_from",
     "harness.recordings.recording": "Recording read_recording write_recording",
     "harness.study.replay": "replay",
-    "problems.bodies.bodies": "GROUND Body box disc polygon_body",
+    "problems.bodies.bodies": "GROUND Body box disc ellipse polygon_body",
     "problems.bodies.forces": "Drive Force Gravity Impulse Load SpringDamper Switched",
     "problems.contacts.geometry": "HalfPlane",
     "problems.joints.joints": "Apart Blade Gear Guide Pin Rod Stop Weld",

@@ -166,8 +166,7 @@ class Watch:
         largest = max(float(active.lam[0].max(initial=0.0)), 1e-12)
         for i, normal in enumerate(active.normals):
             outward = assembly.columns.normal[i, :2]
-            x, y, radius = pose.corners[normal.corner]
-            x, y = (x, y) - radius * outward
+            x, y = self.system.graph.geometry.touched(pose, normal.corner, outward)
             dx, dy = longest * active.lam[0][i] / largest * outward
             colour = VERMILLION if i == self.chosen % len(active.normals) else INK
             axes.plot(x, y, marker="o", markersize=4, color=colour, zorder=6)

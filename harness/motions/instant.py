@@ -67,7 +67,7 @@ def instant_of(scene: Scene, t: float, solver: SolvesQPs, **settings: Any) -> In
 def _read(scene: Scene, stepper: Stepper) -> Instant:
     system = stepper.system
     assembly = system.assembly()
-    graph, corners, columns = system.graph, assembly.pose.corners, assembly.columns
+    graph, columns = system.graph, assembly.columns
     place = {row_id: i for i, row_id in enumerate(assembly.normal_ids.tolist())}
     stretch = system.stretches[-1]
     lam = dict(zip(stretch.row_ids, stretch.lam[-1].tolist(), strict=True))
@@ -80,9 +80,10 @@ def _read(scene: Scene, stepper: Stepper) -> Instant:
         if id(contact) not in numbers:
             numbers[id(contact)] = len(contacts)
             contacts.append(_bodies(graph.geometry, contact.pair))
-        x, y, radius = corners[(normal or contact.normals[0]).corner]
-        outward = columns.normal[place[(normal or contact.normals[0]).row_id], :2]
-        at = (x, y) - radius * outward
+        there = normal or contact.normals[0]
+        at = graph.geometry.touched(
+            assembly.pose, there.corner, columns.normal[place[there.row_id], :2]
+        )
         kind = "F" if normal is None else "N"
         constraints.append(Constraint(kind, numbers[id(contact)], lam.get(row_id, 0.0), at))
     return Instant(
@@ -112,5 +113,5 @@ def possible_constraints(scene: Scene) -> int:
 
     k² n(n−1) + kn for n bodies of k corners on level ground.
     """
-    k = [sum(len(part) for part in body.polygons) for body in scene.bodies]
+    k = [1 if body.is_round else sum(len(part) for part in body.polygons) for body in scene.bodies]
     return sum(k) ** 2 - sum(each * each for each in k) + sum(k) * len(scene.ground)

@@ -58,8 +58,8 @@ def overlap(scene: Scene, q: Vector) -> Vector:
     bodies that a joint lets pass each other.
     """
     pass_by = kept_apart(scene.joints)
-    if any(body.disc for body in scene.bodies):
-        return _overlap_of_discs(scene, q)
+    if any(body.is_round for body in scene.bodies):
+        return _overlap_of_round(scene, q)
     parts = [(b, polygon) for b, body in enumerate(scene.bodies) for polygon in body.polygons]
     corners = [_placed(polygon, q[:, b]) for b, polygon in parts]
     deepest = np.full(len(q), -np.inf)
@@ -80,8 +80,8 @@ def overlap(scene: Scene, q: Vector) -> Vector:
     return deepest
 
 
-def _overlap_of_discs(scene: Scene, q: Vector) -> Vector:
-    """`overlap` of a scene with discs, (n,), by the contact geometry's own distances."""
+def _overlap_of_round(scene: Scene, q: Vector) -> Vector:
+    """`overlap` where something is round, (n,), by the contact geometry's own distances."""
     geometry = Geometry(scene.bodies, scene.ground, kept_apart(scene.joints))
     number, deepest = len(geometry.part_body), np.full(len(q), -np.inf)
     pairs = [
@@ -151,10 +151,11 @@ def loaded_gaps(scene: Scene, q: Vector, qp: ContactQP, x: Vector) -> Vector:
     normal = qp.feature[:, 4] == NORMAL
     pushes = normal & (x > PUSHES * x[normal].max(initial=0.0)) & (x > 0)
     gaps: list[float] = []
-    discs = Geometry(scene.bodies, scene.ground) if any(b.disc for b in scene.bodies) else None
+    any_round = any(body.is_round for body in scene.bodies)
+    geometry = Geometry(scene.bodies, scene.ground) if any_round else None
     for body, corner, other, edge, _ in qp.feature[pushes]:
-        if discs is not None and scene.bodies[body].disc:
-            gaps.append(_gap_of_disc(discs, q, body, other, edge))
+        if geometry is not None and scene.bodies[body].is_round:
+            gaps.append(_gap_of_round(geometry, q, body, other, edge))
             continue
         point = _placed(np.concatenate(scene.bodies[body].polygons)[[corner]], q[[body]])[0, 0]
         if other == GROUND:
@@ -170,8 +171,8 @@ def loaded_gaps(scene: Scene, q: Vector, qp: ContactQP, x: Vector) -> Vector:
     return np.array(gaps)
 
 
-def _gap_of_disc(geometry: Geometry, q: Vector, body: int, other: int, plane: int) -> float:
-    """Distance [m] of a disc from the nearest part of another body, or from one half plane."""
+def _gap_of_round(geometry: Geometry, q: Vector, body: int, other: int, plane: int) -> float:
+    """Distance [m] of what is round from the nearest part of a body, or from one half plane."""
     parts = np.flatnonzero(geometry.part_body == other)
     parts = parts[plane : plane + 1] if other == GROUND else parts
     centre = np.repeat(np.flatnonzero(geometry.corner_body == body), parts.size)

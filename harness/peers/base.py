@@ -115,10 +115,12 @@ def one_friction(scene: Scene) -> float:
     """The friction coefficient of all pairs, since engines give it to bodies.
 
     Raises ValueError for a scene that has another one for some pairs, forces beside gravity, or
-    discs, joints or impacts that bounce, which engines are not given.
+    discs, ellipses, joints or impacts that bounce, which engines are not given.
     """
-    if any(body.disc for body in scene.bodies):
-        raise ValueError(f"scene {scene.label!r} has discs; engines are given polygons alone")
+    if any(body.is_round for body in scene.bodies):
+        oblong = any(a > b for a, b in (body.semi_axes for body in scene.bodies))
+        what = "ellipses" if oblong else "discs"
+        raise ValueError(f"scene {scene.label!r} has {what}; engines are given polygons alone")
     if scene.joints or scene.bounces:
         what = "joints" if scene.joints else "impacts that bounce"
         raise ValueError(f"scene {scene.label!r} has {what}; engines are given plastic contacts")

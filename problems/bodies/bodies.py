@@ -2,7 +2,7 @@
 
 A body has the coordinates (x, y, φ): the centre of gravity [m] and the angle [rad].  Its shape is
 one convex polygon, or several when it is not convex, in coordinates about its centre of gravity; or
-a disc about it.
+a disc or an ellipse about it.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from problems.bodies.shapes import (
     polygon_area,
     polygon_centroid,
     polygon_second_moment,
+    semi_axes,
 )
 from problems.qp import Vector
 
@@ -32,7 +33,7 @@ class Body:
     """A rigid body.
 
     polygons : convex parts, each (c, 2) [m], counter-clockwise about the centre of gravity; a disc
-        is one part of one corner, (radius, 0)
+        is one part of one corner, (radius, 0), an ellipse one of two, (a, 0) and (0, b), a ≥ b
     mass : [kg] (per metre of depth)
     inertia : moment of inertia about the centre of gravity [kg·m²]
 
@@ -51,24 +52,36 @@ class Body:
             raise ValueError(f"Body: {kept}; both must be positive")
         if not self.polygons:
             raise ValueError("Body: polygons is empty; a body needs at least one convex part")
-        if any(len(part) == 1 for part in self.polygons):
-            alone = len(self.polygons) == 1
-            x, y = np.asarray(self.polygons[0], dtype=np.float64)[0] if alone else (np.nan, np.nan)
-            if not (0 < x < np.inf and y == 0):
-                raise ValueError(
-                    "Body: polygons has a part of one corner; that is a disc, which is a body of "
-                    "its own, with the corner (radius, 0)"
-                )
+        if any(len(part) < 3 for part in self.polygons) and not _is_one_round(self.polygons):
+            raise ValueError(
+                "Body: polygons has a part of less than three corners; that is a disc, which is a "
+                "body of its own, with the corner (radius, 0), or an ellipse, with the corners "
+                "(a, 0) and (0, b), a at least b"
+            )
 
     @property
-    def disc(self) -> float:
-        """Radius of a disc [m], 0 of anything else."""
-        return float(self.polygons[0][0, 0]) if len(self.polygons[0]) == 1 else 0.0
+    def semi_axes(self) -> tuple[float, float]:
+        """a ≥ b of a disc or an ellipse, along the x- and y-axis of the body [m]; 0 of others."""
+        return semi_axes(self.polygons[0]) if len(self.polygons[0]) < 3 else (0.0, 0.0)
+
+    @property
+    def is_round(self) -> bool:
+        """Whether it is a disc or an ellipse."""
+        return self.semi_axes[1] > 0
 
     @property
     def radius(self) -> float:
         """Distance of the farthest corner from the centre of gravity [m]."""
         return max(float(np.linalg.norm(part, axis=1).max()) for part in self.polygons)
+
+
+def _is_one_round(polygons: Sequence[Vector]) -> bool:
+    """Whether these are the one part of a disc or an ellipse."""
+    part = np.asarray(polygons[0], dtype=np.float64)
+    if len(polygons) > 1 or part.shape not in ((1, 2), (2, 2)):
+        return False
+    a, b = semi_axes(part)
+    return np.array_equal(part, np.diag([a, b])[: len(part)]) and bool(0 < b <= a < np.inf)
 
 
 def polygon_body(parts: Any, density: float = 1.0) -> Body:
@@ -116,6 +129,23 @@ def disc(radius: float, density: float = 1.0) -> Body:
     rim.setflags(write=False)
     mass = float(density * np.pi * radius * radius)
     return Body((rim,), mass, 0.5 * mass * radius * radius)
+
+
+def ellipse(a: float, b: float, density: float = 1.0) -> Body:
+    """Ellipse with the semi-axes a ≥ b [m] along the x- and y-axis of the body.
+
+    density : uniform [kg/m²]: mass ρπab, moment of inertia m(a² + b²)/4
+
+    Raises ValueError for semi-axes or a density that are not positive, and for a less than b.
+    """
+    if not (0 < b <= a < np.inf and 0 < density < np.inf):
+        raise ValueError(
+            f"a = {a:g}, b = {b:g}, density = {density:g}; they must be positive, and a at least b"
+        )
+    rim = np.diag([float(a), float(b)])
+    rim.setflags(write=False)
+    mass = float(density * np.pi * a * b)
+    return Body((rim,), mass, 0.25 * mass * (a * a + b * b))
 
 
 def mass_diagonal(bodies: Sequence[Body]) -> Vector:

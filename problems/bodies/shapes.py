@@ -1,4 +1,4 @@
-"""Convex polygons: area, centre of gravity, moment of inertia, and the checks they must pass."""
+"""Convex polygons: area, centre of gravity, moment of inertia, checks; points of an ellipse."""
 
 from __future__ import annotations
 
@@ -83,3 +83,17 @@ def box_corners(width: float, height: float) -> Vector:
     """Corners of an upright box about its centre: bottom left first, counter-clockwise."""
     x, y = width / 2, height / 2
     return np.array([(-x, -y), (x, -y), (x, y), (-x, y)])
+
+
+def semi_axes(part: Vector) -> tuple[float, float]:
+    """a and b [m] of a disc, the one point (a, 0), or an ellipse, the points (a, 0) and (0, b)."""
+    return float(part[0, 0]), float(part[-1, len(part) - 1])
+
+
+def ellipse_point(a: float, b: float, direction: Vector) -> Vector:
+    """The point (..., 2) of an ellipse, semi-axes a along x and b along y, farthest that way.
+
+    direction : (..., 2), of any length but 0
+    """
+    axes = np.array([a, b])
+    return axes * axes * direction / np.linalg.norm(axes * direction, axis=-1, keepdims=True)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from problems.contacts.geometry_kernels import is_round, nearest_feature
+from problems.contacts.geometry_kernels import oval_from
+from problems.contacts.round_kernels import is_round, oval_clearance
 from problems.kernels.compiled import kernel
 
 
@@ -17,8 +18,9 @@ def boxes(corners, first, size, moving):
         box[p, 2] = box[p, 3] = -np.inf
         for c in range(first[p], first[p] + size[p]):
             for j in range(2):
-                box[p, j] = min(box[p, j], corners[c, j] - corners[c, 2])
-                box[p, 2 + j] = max(box[p, 2 + j], corners[c, j] + corners[c, 2])
+                reach = np.sqrt(corners[c, 2] ** 2 + corners[c, 3 + j] ** 2)
+                box[p, j] = min(box[p, j], corners[c, j] - reach)
+                box[p, 2 + j] = max(box[p, 2 + j], corners[c, j] + reach)
     return box
 
 
@@ -26,8 +28,8 @@ def boxes(corners, first, size, moving):
 def add_near(found, count, one, other, margin, pose, first, size, part_body, normal, offset):
     """Append to found (·, 2) from `count` on the corners of part `one` within `margin` of `other`.
 
-    A disc and a polygon are one pair, of the disc's centre and the polygon, whatever of it is near;
-    two discs the centre of the first and the second.
+    What is round and a polygon are one pair, of the centre of the one and the other, whatever of it
+    is near; two that are round the centre of the first and the second.
 
     Returns found, made longer where it was full, and the count.
     """
@@ -40,8 +42,8 @@ def add_near(found, count, one, other, margin, pose, first, size, part_body, nor
         local_x, local_y = cosine[b] * x + sine[b] * y, cosine[b] * y - sine[b] * x
         most = -np.inf
         if corners[c, 2] > 0.0:
-            distance = nearest_feature(local_x, local_y, normal[other], offset[other])[0]
-            most = distance - corners[c, 2]
+            oval = oval_from(corners, centres, cosine, sine, c, b)
+            most = oval_clearance(oval, normal[other], offset[other])[0]
         else:
             for e in range(offset.shape[1]):
                 value = normal[other, e, 0] * local_x + normal[other, e, 1] * local_y

@@ -179,10 +179,10 @@ class ConstraintGraph:
         )
 
     def at(self, pose: Pose, corner: int, part: int) -> list[Normal]:
-        """Active constraints of the pair at a point that coincides with this corner; of a disc any,
-        as it touches a convex part at one point only."""
+        """Active constraints of the pair at a point that coincides with this corner; of what is
+        round any, as it touches a convex part at one point only."""
         same, at = self.geometry.tolerance(corner, part), pose.corners[corner]
-        if self.geometry.is_disc(corner):
+        if self.geometry.is_round(corner):
             same = np.inf
         return [
             normal
@@ -194,7 +194,7 @@ class ConstraintGraph:
     def kept_out(self, pose: Pose, corner: int, part: int, edge: int) -> bool:
         """Whether an active contact of the pair keeps this corner on its side of this very edge."""
         there = self.at(pose, corner, part)
-        if self.geometry.is_disc(corner):
+        if self.geometry.is_round(corner):
             return bool(there)
         for contact in self.of_pair.get(self.pair_of(corner, part), ()):
             if self._parallel(pose, contact, part, edge) and (
@@ -211,7 +211,7 @@ class ConstraintGraph:
         row, to `contact_tol`.
         """
         geometry, other = self.geometry, int(self.geometry.corner_part[corner])
-        if geometry.is_disc(corner):
+        if geometry.is_round(corner):
             return geometry.nearest(pose, corner, part)
         one, close = (np.array([corner]), np.array([part])), geometry.tolerance(corner, part)
         phi = geometry.distances(pose, *one)[0]

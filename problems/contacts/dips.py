@@ -20,6 +20,10 @@ part that is farthest along u, the distance of c is at least φ_u = u·(c − p)
 |u| = 1.  A disc, which a corner of the part may keep out where no edge does, is kept out over a
 stretch where φ_u ≥ ρ for the direction u from the nearest point of the part to the disc's centre at
 either end of it.  A part that is a disc itself is not followed in its turning, and C is |c̈ − ẍ_b|.
+
+An ellipse is kept out where φ_u ≥ h(u) (`problems.contacts.round_kernels`), and to C is added what
+h may bend upwards as it turns in the part's coordinates, with ω and α its own less the part's: of
+−ḧ = −h'' ω² − h' α no more than (a² − b²)/a ω² + (a − b) |α|.
 """
 
 from __future__ import annotations
@@ -28,7 +32,16 @@ import numpy as np
 
 from problems.bodies.path import Path
 from problems.contacts.geometry import Geometry
-from problems.contacts.geometry_kernels import edges_of, is_round, nearest_feature
+from problems.contacts.round_kernels import (
+    corner_between,
+    edges_of,
+    is_oblong,
+    is_round,
+    nearest_feature,
+    nearest_to_oblong,
+    oval_clearance,
+    support,
+)
 from problems.kernels.compiled import kernel
 from problems.qp import Indices, Vector
 
@@ -124,10 +137,25 @@ def _curvature_bound(path, h, bodies, radius):
 
 
 @kernel
-def _centre_at(path, h, bodies, turns):
-    """A disc's centre at q + h (velocity + h curvature), from that of the part's body.
+def _wobble(path, h, bodies, b, k):
+    """What the turning of an ellipse adds to C."""
+    (_, velocity, curvature), (one, other) = path, bodies
+    spin = 0.0
+    for step in (0.0, h):
+        relative = velocity[3 * one + 2] + 2 * step * curvature[3 * one + 2]
+        if other >= 0:
+            relative -= velocity[3 * other + 2] + 2 * step * curvature[3 * other + 2]
+        spin = max(spin, abs(relative))
+    turn = 2 * curvature[3 * one + 2] - (2 * curvature[3 * other + 2] if other >= 0 else 0.0)
+    a = np.sqrt(b * b + k * k)
+    return k * k / a * spin * spin + (a - b) * abs(turn)
 
-    turns : whether that is in the coordinates of this body
+
+@kernel
+def _oval_at(path, h, bodies, local, turns):
+    """The oval of a disc or an ellipse at q + h (velocity + h curvature), from the part's centre.
+
+    turns : whether that is in the coordinates of the part's body
     """
     (q, velocity, curvature), (a, b) = path, bodies
     place = np.zeros((2, 3))
@@ -138,15 +166,18 @@ def _centre_at(path, h, bodies, turns):
                 i = 3 * body + j
                 place[side, j] = q[i] + h * (velocity[i] + h * curvature[i])
     x, y = place[0, 0] - place[1, 0], place[0, 1] - place[1, 1]
+    k_x = k_y = 0.0
+    if local[3] > 0.0:
+        k_x, k_y = local[3] * np.cos(place[0, 2]), local[3] * np.sin(place[0, 2])
     if not turns:
-        return x, y
+        return x, y, local[2], k_x, k_y
     c, s = np.cos(place[1, 2]), np.sin(place[1, 2])
-    return c * x + s * y, c * y - s * x
+    return c * x + s * y, c * y - s * x, local[2], c * k_x + s * k_y, c * k_y - s * k_x
 
 
 @kernel
 def _direction_from(x, y, normal, offset):
-    """u from the nearest point of a part to (x, y), and u·p of that point."""
+    """u from the nearest point of a part, no ellipse, to (x, y), and u·p of that point."""
     distance, e = nearest_feature(x, y, normal, offset)
     if is_round(normal, 0):
         size = max(np.hypot(x, y), 1e-300)
@@ -154,12 +185,7 @@ def _direction_from(x, y, normal, offset):
     if e < offset.size:
         return normal[e, 0], normal[e, 1], offset[e]
     i = e - offset.size
-    before = (i - 1) % edges_of(offset)
-    # n_before·p and n_i·p are the offsets of both edges
-    x_0, y_0, x_1, y_1 = normal[before, 0], normal[before, 1], normal[i, 0], normal[i, 1]
-    sine = x_0 * y_1 - y_0 * x_1
-    p = (offset[before] * y_1 - offset[i] * y_0) / sine
-    r = (offset[i] * x_0 - offset[before] * x_1) / sine
+    p, r = corner_between((i - 1) % edges_of(offset), i, normal, offset)
     size = max(distance, 1e-300)
     u_x, u_y = (x - p) / size, (y - r) / size
     return u_x, u_y, u_x * p + u_y * r
@@ -167,31 +193,43 @@ def _direction_from(x, y, normal, offset):
 
 @kernel
 def _kept_out(one, other, edges, sag, level):
-    """Whether the direction at the first of two places (2,) keeps a disc out between them."""
-    u_x, u_y, far = _direction_from(one[0], one[1], edges[0], edges[1])
-    here, there = u_x * one[0] + u_y * one[1] - far, u_x * other[0] + u_y * other[1] - far
+    """Whether the direction at the first of two ovals keeps them out between these."""
+    normal, offset = edges
+    if is_oblong(one, normal, offset):
+        here, _, u_x, u_y = nearest_to_oblong(one, normal, offset)
+        there = here + u_x * (other[0] - one[0]) + u_y * (other[1] - one[1])
+        there += support(u_x, u_y, one[2], one[3], one[4])[0]
+        there -= support(u_x, u_y, other[2], other[3], other[4])[0]
+    else:
+        u_x, u_y, far = _direction_from(one[0], one[1], normal, offset)
+        far += one[2]
+        here, there = u_x * one[0] + u_y * one[1] - far, u_x * other[0] + u_y * other[1] - far
     return min(here, there) - sag >= level
 
 
 @kernel
-def first_dip_of_disc(path, h, bodies, radius, edges, floor, right):
-    """`first_dip` of a disc of this radius; right : (MAX_HALVINGS + 2,) is written to."""
-    turns = not is_round(edges[0], 0)
+def first_dip_of_oval(path, h, bodies, local, edges, floor, right):
+    """`first_dip` of a disc or an ellipse; right : (MAX_HALVINGS + 2,) is written to."""
+    normal, offset = edges
     curvature, (a, b) = path[2], bodies
+    oblong = is_oblong((0.0, 0.0, local[2], local[3], 0.0), normal, offset)
+    turns = oblong or not is_round(normal, 0)
     if turns:
         bend = _curvature_bound(path, h, bodies, 0.0)
     else:
         x, y = curvature[3 * a] - curvature[3 * b], curvature[3 * a + 1] - curvature[3 * b + 1]
         bend = 2 * np.hypot(x, y)
-    level = radius + floor - SHALLOW
+    if local[3] > 0.0:
+        bend += _wobble(path, h, bodies, local[2], local[3])
+    level = floor - SHALLOW
     start, top = 0.0, 0
     right[0] = h
     while top >= 0:
         length = right[top] - start
-        one = _centre_at(path, start, bodies, turns)
-        other = _centre_at(path, right[top], bodies, turns)
+        one = _oval_at(path, start, bodies, local, turns)
+        other = _oval_at(path, right[top], bodies, local, turns)
         sag = bend * length * length / 8
-        inside = nearest_feature(other[0], other[1], edges[0], edges[1])[0] < level
+        inside = oval_clearance(other, normal, offset)[0] < level
         if top == MAX_HALVINGS and inside:
             return start, right[top]
         free = _kept_out(one, other, edges, sag, level) or _kept_out(other, one, edges, sag, level)
@@ -202,8 +240,8 @@ def first_dip_of_disc(path, h, bodies, radius, edges, floor, right):
         middle = start + length / 2
         top += 1
         right[top] = middle
-        x, y = _centre_at(path, middle, bodies, turns)
-        if nearest_feature(x, y, edges[0], edges[1])[0] < level:
+        between = _oval_at(path, middle, bodies, local, turns)
+        if oval_clearance(between, normal, offset)[0] < level:
             return start, middle
     return np.inf, np.inf
 
@@ -215,13 +253,13 @@ def first_dip(path, h, bodies, local, edges, floor, scratch):
     Both are inf where there is none.
 
     path : q, velocity and curvature of `Path`;  bodies : a, b, those of the corner and of the part
-    local : (3,) the corner in its body, and its radius
+    local : (4,) the corner in its body, and b and |k| of what is round about it
     edges : normals (E, 2) and offsets (E,) of the part
     scratch : (MAX_HALVINGS + 2, E), (MAX_HALVINGS + 2,), (E,)
     """
     phi, right, left = scratch
     if local[2] > 0.0:
-        return first_dip_of_disc(path, h, bodies, local[2], edges, floor, right)
+        return first_dip_of_oval(path, h, bodies, local, edges, floor, right)
     bend = _curvature_bound(path, h, bodies, np.hypot(local[0], local[1]))
     level = floor - SHALLOW
     start, top = 0.0, 0

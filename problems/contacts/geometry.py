@@ -16,17 +16,20 @@ A corner is outside a convex part when it is outside one of its edges, so what c
 *clearance* max_e φ_e, and which edge is hit is a question of its own (`Geometry.hit_edge`).
 The ground is a set of half planes, parts with one endless edge and body `GROUND`.
 
-A disc about its body's centre of gravity is a part with one corner, its centre, which has the
-radius ρ, and with one round edge, its periphery.  Of a disc and another part the disc's centre is
-the corner c, and φ its distance less ρ, from an edge, from a corner (edge E + i for corner i, E the
-most edges of a part, `nearest_feature`) or from another disc's centre x_b of radius ρ_b:
+A disc or an ellipse about its body's centre of gravity is a part with one corner, its centre, and
+with one round edge, its periphery.  Of it and another part its centre is the corner c, and φ its
+distance from an edge, from a corner p (edge E + i for corner i, E the most edges of a part) or from
+another disc or ellipse about x_b with the support function H.  With its own, h, which is the radius
+of a disc (`problems.contacts.round_kernels`),
 
-    φ = n·(c − x_b) − offset − ρ    φ = |c − p| − ρ,  n = (c − p)/|c − p|    φ = |c − x_b| − ρ_b − ρ
+    φ = n·(c − x_b) − offset − h(n)    φ = n·(c − p) − h(n)    φ = n·(c − x_b) − H(n) − h(n)
 
-What touches is the point c − ρ n: g_N is as above, in g_F r_a and r_b go to that point, so that
-τ is the direction along the periphery.  n does not turn at once where a disc rolls over the end of
-an edge, and the corner there takes over; but q̈ jumps, by v²/ρ, and that is an event.  A disc and a
-convex part touch at one point only, and have one constraint.
+where n is the normal of the edge, or else the direction in which φ is the greatest: of a disc that
+from p or x_b to c.  As φ does not change with this n to first order, its derivatives are those of
+two bodies that touch at s, the point of the first that is farthest along −n: in g_N and g_F r_a and
+r_b go to s, and τ is the direction along the periphery.  n does not turn at once where a disc or an
+ellipse rolls over the end of an edge, and the corner there takes over; but q̈ jumps, of a disc by
+v²/ρ, and that is an event.  It and a convex part touch at one point only, and have one constraint.
 """
 
 from __future__ import annotations
@@ -49,10 +52,11 @@ from problems.contacts.geometry_kernels import (
     contact_columns,
     edge_distances,
     least_overlap,
-    nearest_feature,
+    oval_from,
     past_tip,
     place_corners,
 )
+from problems.contacts.round_kernels import oval_clearance, support
 from problems.qp import Indices, Vector
 
 CONTACT_TOL = 1e-3
@@ -79,9 +83,9 @@ class HalfPlane:
 
 
 class Pose(NamedTuple):
-    """Where everything is: corners (C, 3) [m], centres (n+1, 2), cos φ and sin φ (n+1,).
+    """Where everything is: corners (C, 5) [m], centres (n+1, 2), cos φ and sin φ (n+1,).
 
-    The third of a corner is the radius of the disc about it, 0 of a polygon's.
+    The last three of a corner are b, k_x and k_y of the disc or ellipse about it, 0 of a polygon's.
     """
 
     corners: Vector
@@ -112,9 +116,9 @@ class Geometry:
 
     Corners are numbered through all bodies, parts likewise (the ground's half planes last), edges
     within their part; edge i of a part runs from its corner i to the next.  Corners of polygons
-    are numbered as edges, too, behind all edges, for discs that touch them.
+    are numbered as edges, too, behind all edges, for discs and ellipses that touch them.
 
-    contact_tol : (parts,) `CONTACT_TOL` of the shortest edge or radius [m], ∞ of a half plane
+    contact_tol : (parts,) `CONTACT_TOL` of the shortest edge or semi-axis [m], ∞ of a half plane
     kept_apart : (·, 2) pairs of bodies that never touch, the lower number first
     """
 
@@ -128,16 +132,16 @@ class Geometry:
         self.kept_apart = np.array(sorted(kept_apart), dtype=np.int64).reshape(-1, 2)
         parts = [(b, polygon) for b, body in enumerate(bodies) for polygon in body.polygons]
         n_parts = len(parts) + len(ground)
+        axes = [bodies[b].semi_axes for b, _ in parts]
+        corners = [_with_axes(p, *both) for (_, p), both in zip(parts, axes, strict=True)]
         n_edges = max([len(polygon) for _, polygon in parts] + [1])
         self.part_body = np.array([b for b, _ in parts] + [GROUND] * len(ground), dtype=np.int64)
-        self.part_size = np.array([len(p) for _, p in parts] + [0] * len(ground), dtype=np.int64)
+        self.part_size = np.array([len(c) for c in corners] + [0] * len(ground), dtype=np.int64)
         self.part_first = np.concatenate([[0], np.cumsum(self.part_size)[:-1]]).astype(np.int64)
         self.n_moving = len(parts)
         self.corner_part = np.repeat(np.arange(n_parts), self.part_size)
         self.corner_body = self.part_body[self.corner_part]
-        discs = [bodies[b].disc for b, _ in parts]
-        corners = [_with_radius(p, disc) for (_, p), disc in zip(parts, discs, strict=True)]
-        self.corner_local = np.concatenate([np.zeros((0, 3)), *corners], dtype=np.float64)
+        self.corner_local = np.concatenate([np.zeros((0, 4)), *corners], dtype=np.float64)
         first_of_body = np.searchsorted(self.corner_body, np.arange(self.n_bodies + 1))
         self.corner_number = np.arange(len(self.corner_body)) - first_of_body[self.corner_body]
         # edges are numbered through their body, half planes through the ground
@@ -154,8 +158,10 @@ class Geometry:
         self.edge_origin = np.zeros((n_parts, n_edges, 2))
         self.edge_length = np.zeros((n_parts, n_edges))
         for p, (_, polygon) in enumerate(parts):
-            if discs[p] > 0:
-                self.edge_offset[p, 0], self.edge_length[p, 0] = discs[p], np.inf
+            if axes[p][1] > 0:
+                self.edge_offset[p, 0], self.edge_length[p, 0] = axes[p][1], np.inf
+                if axes[p][0] > axes[p][1]:
+                    self.edge_offset[p, 1] = focal_distance(*axes[p])
                 continue
             side = np.roll(polygon, -1, axis=0) - polygon
             c = len(polygon)
@@ -172,7 +178,7 @@ class Geometry:
             self.edge_length[p, 0] = np.inf
         self.edge_start = (rotate_quarter(self.edge_normal) * self.edge_origin).sum(axis=2)
         lengths = np.where(self.edge_length > 0, self.edge_length, np.inf)
-        shortest = np.array([*(disc or np.inf for disc in discs), *(np.inf for _ in ground)])
+        shortest = np.array([*(b or np.inf for _, b in axes), *(np.inf for _ in ground)])
         self.contact_tol = CONTACT_TOL * np.minimum(lengths.min(axis=1), shortest)
         self.radius = np.array([body.radius for body in bodies])
         self.tables = (
@@ -200,8 +206,8 @@ class Geometry:
         )
 
     def clearance(self, pose: Pose, corner: Indices, part: Indices) -> Vector:
-        """max_e φ_e of each corner against its part, (N,) [m]; the distance of a disc; negative
-        inside."""
+        """max_e φ_e of each corner against its part, (N,) [m]; the distance of what is round;
+        negative inside."""
         return clearances(*pose, corner, part, self.part_body, self.edge_normal, self.edge_offset)
 
     def clearance_on_path(self, path: Path, h: float, corner: int, part: int) -> float:
@@ -229,27 +235,31 @@ class Geometry:
         corner = np.arange(first, first + size)
         return float(self.distances(pose, corner, np.full(size, part))[:, edge].min())
 
-    def is_disc(self, corner: int) -> bool:
-        """Whether a corner is the centre of a disc."""
+    def is_round(self, corner: int) -> bool:
+        """Whether a corner is the centre of a disc or an ellipse."""
         return bool(self.corner_local[corner, 2] > 0)
 
     def nearest(self, pose: Pose, corner: int, part: int) -> int:
-        """The edge of `part` that is nearest to a disc's centre, or E + i for its corner i."""
-        b = self.part_body[part]
-        x, y = pose.corners[corner, :2] - pose.centres[b]
-        c, s = pose.cosine[b], pose.sine[b]
-        edges = self.edge_normal[part], self.edge_offset[part]
-        return int(nearest_feature(c * x + s * y, c * y - s * x, *edges)[1])
+        """The edge of `part` that is nearest to what is round about a corner, or E + i for its
+        corner i."""
+        oval = oval_from(*pose, corner, int(self.part_body[part]))
+        return int(oval_clearance(oval, self.edge_normal[part], self.edge_offset[part])[1])
+
+    def touched(self, pose: Pose, corner: int, outward: Vector) -> Vector:
+        """Where a corner is touched, (2,), or what is round about it, by what has this normal."""
+        n_x, n_y = outward
+        h, turned = support(n_x, n_y, *pose.corners[corner, 2:])
+        return pose.corners[corner, :2] - (h * n_x - turned * n_y, h * n_y + turned * n_x)
 
     def hit_edge(self, pose: Pose, corner: int, part: int) -> int:
-        """Edge of `part` that a corner at its boundary has hit; see `nearest` for a disc's centre.
+        """Edge of `part` that a corner at its boundary has hit; of what is round see `nearest`.
 
         Of the edges within `contact_tol` of the corner, the best separating axis of the two parts:
         a corner that drift has put 1e-5 inside one edge, and that passes the end of the adjacent
         side, is still on the first edge.  Where drift has made the parts overlap by more than
         `contact_tol`, all edges within that overlap are looked at.
         """
-        if self.is_disc(corner):
+        if self.is_round(corner):
             return self.nearest(pose, corner, part)
         phi = self.distances(pose, np.array([corner]), np.array([part]))[0]
         other = int(self.corner_part[corner])
@@ -264,9 +274,9 @@ class Geometry:
 
         Two tips have passed each other then, by the width of the drift, or are about to: once
         another edge keeps the corner out of the part, no corner would ever be inside the other part
-        again, however deep the edges cross.  A disc has no tip.
+        again, however deep the edges cross.  What is round has no tip.
         """
-        if self.is_disc(corner):
+        if self.is_round(corner):
             return False
         phi = self.distances(pose, np.array([corner]), np.array([part]))[0]
         return past_tip(phi, edge)
@@ -278,9 +288,9 @@ class Geometry:
 
         The edge's own end corner takes over on the adjacent edge of the sliding part, if the two
         edges lie on each other there; None means that the corner has slid off (loss of support),
-        or that a disc has come to a corner or from there to an edge.
+        or that what is round has come to a corner or from there to an edge.
         """
-        if self.part_body[part] == GROUND or self.is_disc(corner):
+        if self.part_body[part] == GROUND or self.is_round(corner):
             return None
         size = int(self.part_size[part])
         taker = int(self.part_first[part]) + (edge + end) % size
@@ -302,7 +312,7 @@ class Geometry:
         return None
 
     def direction(self, pose: Pose, part: int, edge: int) -> Vector:
-        """τ of one edge, (2,); NaN, parallel to nothing, of a corner or a disc."""
+        """τ of one edge, (2,); NaN, parallel to nothing, of a corner or what is round."""
         if edge >= self.edge_offset.shape[1] or not self.edge_normal[part, edge].any():
             return np.full(2, np.nan)
         b = self.part_body[part]
@@ -335,10 +345,10 @@ class Geometry:
         n_moving = self.n_moving
         if n_moving == 0:
             return []
-        corners, radius = np.ascontiguousarray(pose.corners[:, :2]), pose.corners[:, 2:]
-        first = self.part_first[:n_moving]
-        low = np.minimum.reduceat(corners - radius, first, axis=0) - margin / 2
-        high = np.maximum.reduceat(corners + radius, first, axis=0) + margin / 2
+        corners, b, k = np.split(pose.corners, [2, 3], axis=1)
+        first, reach = self.part_first[:n_moving], np.hypot(b, k)
+        low = np.minimum.reduceat(corners - reach, first, axis=0) - margin / 2
+        high = np.maximum.reduceat(corners + reach, first, axis=0) + margin / 2
         order = np.argsort(low[:, 0], kind="stable")
         last = np.searchsorted(low[order, 0], high[order, 0], side="right")
         pairs = []
@@ -349,7 +359,8 @@ class Geometry:
             pairs += [(int(min(p, r)), int(max(p, r))) for r in rivals[meets]]
         for plane in range(n_moving, len(self.part_body)):
             depth = corners @ self.edge_normal[plane, 0] - self.edge_offset[plane, 0]
-            lowest = np.minimum.reduceat(depth - radius[:, 0], first)
+            reach = np.hypot(b[:, 0], k @ self.edge_normal[plane, 0])
+            lowest = np.minimum.reduceat(depth - reach, first)
             pairs += [(int(p), plane) for p in np.flatnonzero(lowest <= margin)]
         one, two = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
         may = self.may_touch(self.part_body[one], self.part_body[two])
@@ -383,13 +394,19 @@ class Geometry:
         return np.column_stack(columns)
 
 
-def _with_radius(polygon: Vector, disc: float) -> Vector:
-    """Corners (c, 3) of a polygon, with radius 0; of a disc the centre, with its own."""
-    return (
-        np.array([[0.0, 0.0, disc]])
-        if disc > 0
-        else np.column_stack([polygon, np.zeros(len(polygon))])
-    )
+def _with_axes(polygon: Vector, a: float, b: float) -> Vector:
+    """Corners (c, 4) of a polygon, with b and |k| 0; of a disc or an ellipse the centre, with both.
+
+    a, b : its semi-axes, 0 of a polygon
+    """
+    if b > 0:
+        return np.array([[0.0, 0.0, b, focal_distance(a, b)]])
+    return np.column_stack([polygon, np.zeros((len(polygon), 2))])
+
+
+def focal_distance(a: float, b: float) -> float:
+    """|k| = √(a² − b²), how far the foci of an ellipse are from its centre [m]."""
+    return float(np.sqrt((a - b) * (a + b)))
 
 
 class Shapes(NamedTuple):

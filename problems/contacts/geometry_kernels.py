@@ -4,24 +4,24 @@ What the formulas mean is said in `problems.contacts.geometry`; a column is kept
 for the body of the corner and the body of the edge, and the numbers of these two bodies, −1 for the
 ground, which does not move.  What an `arena` is: see `problems.kernels.arena`.
 
-Positions of corners have the radius of what is round about them as a third column, the disc's about
-its centre, 0 at polygons' corners.  A round part, a disc, has the normal (0, 0) and its radius as
-offset.
+Positions of corners are followed by b and k of the ellipse about them, 0 at polygons' corners; what
+is round is in `problems.contacts.round_kernels`.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from problems.contacts.round_kernels import is_round, oval_clearance, oval_column, support
 from problems.kernels.arena import numbers, table, zeros
 from problems.kernels.compiled import kernel
 
 
 @kernel
 def place_corners(q, body, local, arena=None):
-    """Corners (C, 3), centres (n+1, 2), cos φ, sin φ (n+1,) at q (3n,); the last is the ground.
+    """Corners (C, 5), centres (n+1, 2), cos φ, sin φ (n+1,) at q (3n,); the last is the ground.
 
-    body : (C,);  local : (C, 3) place in the body, and radius, which is handed on
+    body : (C,);  local : (C, 4) place in the body, b and |k|, that along the x-axis of the body
     """
     n = q.size // 3
     centres, cosine, sine = table(arena, n + 1, 2), numbers(arena, n + 1), numbers(arena, n + 1)
@@ -29,111 +29,29 @@ def place_corners(q, body, local, arena=None):
     for b in range(n):
         centres[b, 0], centres[b, 1] = q[3 * b], q[3 * b + 1]
         cosine[b], sine[b] = np.cos(q[3 * b + 2]), np.sin(q[3 * b + 2])
-    corners = table(arena, local.shape[0], 3)
+    corners = table(arena, local.shape[0], 5)
     for i in range(local.shape[0]):
         b, x, y = body[i], local[i, 0], local[i, 1]
         corners[i, 0] = centres[b, 0] + cosine[b] * x - sine[b] * y
         corners[i, 1] = centres[b, 1] + sine[b] * x + cosine[b] * y
         corners[i, 2] = local[i, 2]
+        corners[i, 3], corners[i, 4] = cosine[b] * local[i, 3], sine[b] * local[i, 3]
     return corners, centres, cosine, sine
 
 
 @kernel
-def is_round(normal, e):
-    """Whether edge e of a part with normals (E, 2) is the periphery of a disc, or none at all."""
-    return normal[e, 0] == 0.0 and normal[e, 1] == 0.0
-
-
-@kernel
-def edges_of(offset):
-    """How many edges a part with offsets (E,) has."""
-    count = 0
-    while count < offset.size and offset[count] < np.inf:
-        count += 1
-    return count
-
-
-@kernel
-def nearest_feature(x, y, normal, offset):
-    """Distance of the point (x, y) from a part [m], below 0 inside, and what of it is nearest.
-
-    x, y : in the coordinates of the part's body;  normal (E, 2), offset (E,) : its edges
-
-    The second is an edge, or E + i for corner i, at which edge i begins.  With φ_e the largest
-    distance from an edge, φ_o that from a neighbour and α the turn from one to the other, the foot
-    of the point is beyond their common corner where t = (φ_o − φ_e cos α)/|sin α| > 0, and its
-    distance from the corner is √(φ_e² + t²).
-    """
-    if is_round(normal, 0):
-        return np.hypot(x, y) - offset[0], 0
-    count, E = edges_of(offset), offset.size
-    best, most = 0, -np.inf
-    for e in range(count):
-        value = normal[e, 0] * x + normal[e, 1] * y - offset[e]
-        if value > most:
-            best, most = e, value
-    if most <= 0.0 or count < 2:
-        return most, best
-    for turn in range(2):
-        other = (best + 1) % count if turn == 0 else (best - 1) % count
-        cosine = normal[best, 0] * normal[other, 0] + normal[best, 1] * normal[other, 1]
-        sine = normal[best, 0] * normal[other, 1] - normal[best, 1] * normal[other, 0]
-        value = normal[other, 0] * x + normal[other, 1] * y - offset[other]
-        beyond = (value - most * cosine) / abs(sine)
-        if beyond > 0.0:
-            return np.hypot(most, beyond), E + (other if turn == 0 else best)
-    return most, best
-
-
-@kernel
-def corner_at(i, normal, offset, start):
-    """Corner i of a part, where edge i begins, in the coordinates of its body."""
-    x, y = normal[i, 0], normal[i, 1]
-    return offset[i] * x - start[i] * y, offset[i] * y + start[i] * x
-
-
-@kernel
-def turn_between(x, y, other_x, other_y):
-    """Angle from one direction of the plane to another, −π to π."""
-    return np.arctan2(x * other_y - y * other_x, x * other_x + y * other_y)
-
-
-@kernel
-def round_place(x, y, radius, e, normal, offset, start):
-    """n, distance, along and length where a disc's centre is at (x, y) and a disc or corner below.
-
-    x, y and n : in the coordinates of the part's body;  radius : of the disc [m]
-    e : see `nearest_feature`;  normal, offset, start : (E, …) of the part
-    """
-    if e < offset.size:
-        x_0, y_0, rim = 0.0, 0.0, offset[0]
-    else:
-        (x_0, y_0), rim = corner_at(e - offset.size, normal, offset, start), 0.0
-    distance = np.hypot(x - x_0, y - y_0)
-    if distance > 0.0:
-        nx, ny = (x - x_0) / distance, (y - y_0) / distance
-    else:
-        nx, ny = 0.0, 1.0
-    if e < offset.size:
-        return nx, ny, distance - rim, 0.0, np.inf
-    after = e - offset.size
-    before = (after - 1) % edges_of(offset)
-    bx, by = normal[before, 0], normal[before, 1]
-    along = radius * turn_between(bx, by, nx, ny)
-    return (
-        nx,
-        ny,
-        distance,
-        along,
-        radius * turn_between(bx, by, normal[after, 0], normal[after, 1]),
-    )
+def oval_from(corners, centres, cosine, sine, i, b):
+    """The oval about corner i, x, y, b, k_x, k_y, in the coordinates of body b."""
+    x, y = corners[i, 0] - centres[b, 0], corners[i, 1] - centres[b, 1]
+    c, s, k_x, k_y = cosine[b], sine[b], corners[i, 3], corners[i, 4]
+    return c * x + s * y, c * y - s * x, corners[i, 2], c * k_x + s * k_y, c * k_y - s * k_x
 
 
 @kernel
 def edge_distances(corners, centres, cosine, sine, corner, part, part_body, normal, offset):
     """φ of each corner against every edge of its part, (N, E); −inf where there is no edge.
 
-    Edges are endless here: beyond the ends of an edge a disc may be farther off than that.
+    Edges are endless here: beyond the ends of an edge what is round may be farther off than that.
     """
     phi = np.empty((corner.size, offset.shape[1]))
     for i in range(corner.size):
@@ -143,17 +61,23 @@ def edge_distances(corners, centres, cosine, sine, corner, part, part_body, norm
         local_x, local_y = cosine[b] * x + sine[b] * y, cosine[b] * y - sine[b] * x
         for e in range(offset.shape[1]):
             phi[i, e] = normal[p, e, 0] * local_x + normal[p, e, 1] * local_y - offset[p, e]
-        if corners[corner[i], 2] > 0.0 or is_round(normal[p], 0):
-            for e in range(offset.shape[1]):
-                if is_round(normal[p], e):
-                    phi[i, e] = np.hypot(local_x, local_y) - offset[p, e]
-                phi[i, e] -= corners[corner[i], 2]
+        if corners[corner[i], 2] == 0.0 and not is_round(normal[p], 0):
+            continue
+        oval = oval_from(corners, centres, cosine, sine, corner[i], b)
+        if is_round(normal[p], 0):
+            phi[i] = -np.inf
+            phi[i, 0] = oval_clearance(oval, normal[p], offset[p])[0]
+            continue
+        for e in range(offset.shape[1]):
+            n_x, n_y = normal[p, e, 0], normal[p, e, 1]
+            phi[i, e] -= support(n_x, n_y, oval[2], oval[3], oval[4])[0]
     return phi
 
 
 @kernel
 def clearances(corners, centres, cosine, sine, corner, part, part_body, normal, offset, phi=None):
-    """max_e φ_e of each corner against its part, (N,), written to phi; the distance of discs."""
+    """max_e φ_e of each corner against its part, (N,), written to phi; the distance of what is
+    round."""
     if phi is None:
         phi = np.empty(corner.size)
     for i in range(corner.size):
@@ -161,9 +85,9 @@ def clearances(corners, centres, cosine, sine, corner, part, part_body, normal, 
         b = part_body[p]
         x, y = corners[corner[i], 0] - centres[b, 0], corners[corner[i], 1] - centres[b, 1]
         local_x, local_y = cosine[b] * x + sine[b] * y, cosine[b] * y - sine[b] * x
-        radius = corners[corner[i], 2]
-        if radius > 0.0 or is_round(normal[p], 0):
-            phi[i] = nearest_feature(local_x, local_y, normal[p], offset[p])[0] - radius
+        if corners[corner[i], 2] > 0.0 or is_round(normal[p], 0):
+            oval = oval_from(corners, centres, cosine, sine, corner[i], b)
+            phi[i] = oval_clearance(oval, normal[p], offset[p])[0]
             continue
         most = -np.inf
         for e in range(offset.shape[1]):
@@ -189,13 +113,14 @@ def clearance_on_path(path, h, corner, part, tables):
                 i = 3 * b + j
                 state[side, j] = q[i] + h * (velocity[i] + h * curvature[i])
     c, s = np.cos(state[0, 2]), np.sin(state[0, 2])
+    k_x, k_y = c * corner_local[corner, 3], s * corner_local[corner, 3]
     x = state[0, 0] + c * corner_local[corner, 0] - s * corner_local[corner, 1] - state[1, 0]
     y = state[0, 1] + s * corner_local[corner, 0] + c * corner_local[corner, 1] - state[1, 1]
     c, s = np.cos(state[1, 2]), np.sin(state[1, 2])
     local_x, local_y = c * x + s * y, c * y - s * x
-    radius = corner_local[corner, 2]
-    if radius > 0.0 or is_round(normal[part], 0):
-        return nearest_feature(local_x, local_y, normal[part], offset[part])[0] - radius
+    if corner_local[corner, 2] > 0.0 or is_round(normal[part], 0):
+        oval = local_x, local_y, corner_local[corner, 2], c * k_x + s * k_y, c * k_y - s * k_x
+        return oval_clearance(oval, normal[part], offset[part])[0]
     most = -np.inf
     for e in range(offset.shape[1]):
         value = normal[part, e, 0] * local_x + normal[part, e, 1] * local_y - offset[part, e]
@@ -223,8 +148,8 @@ def least_overlap(pose, one, two, enough, parts, edges):
     pose : see `place_corners`;  parts : first corner, size and body of each part
     edges : normals (parts, E, 2) and offsets (parts, E)
 
-    Of a disc: by how far it is inside the other part, which is the second where both are discs; the
-    edge may be a corner then, see `nearest_feature`.
+    Of what is round: by how far it is inside the other part, which is the second where both are;
+    the edge may be a corner then, see `nearest_feature`.
     """
     corners, centres, cosine, sine = pose
     (first, size, part_body), (normal, offset) = parts, edges
@@ -232,11 +157,9 @@ def least_overlap(pose, one, two, enough, parts, edges):
         p, other = (two, one) if size[one] == 1 else (one, two)
         if size[p] == 1:
             p, other = max(one, two), min(one, two)
-        corner, b = first[other], part_body[p]
-        x, y = corners[corner, 0] - centres[b, 0], corners[corner, 1] - centres[b, 1]
-        x, y = cosine[b] * x + sine[b] * y, cosine[b] * y - sine[b] * x
-        distance, edge = nearest_feature(x, y, normal[p], offset[p])
-        return corners[corner, 2] - distance, corner, p, edge
+        oval = oval_from(corners, centres, cosine, sine, first[other], part_body[p])
+        phi, edge = oval_clearance(oval, normal[p], offset[p])
+        return -phi, first[other], p, edge
     least, corner, part, edge = np.inf, -1, -1, -1
     for turn in range(2):
         p, other = (one, two) if turn == 0 else (two, one)
@@ -257,31 +180,6 @@ def least_overlap(pose, one, two, enough, parts, edges):
             if least < enough:
                 return least, corner, part, edge
     return least, corner, part, edge
-
-
-@kernel
-def disc_column(radius, arm, turn, e, edges, g_N, g_F):
-    """φ, along and length of a disc on edge e of a part, see `nearest_feature`; g_N, g_F (6,).
-
-    radius : of the disc [m];  arm : from the centre of the part's body to the disc's
-    turn : cos φ and sin φ of that body;  edges : normals (E, 2), offsets, starts, lengths (E,)
-
-    What touches is the point of the disc that is nearest, c − ρ n; r_a = −ρ n, r_b = arm − ρ n.
-    """
-    (bx, by), (c, s), (normal, offset, start, length) = arm, turn, edges
-    x, y = c * bx + s * by, c * by - s * bx
-    if e >= offset.size or is_round(normal, e):
-        x, y, distance, along, size = round_place(x, y, radius, e, normal, offset, start)
-    else:
-        distance = normal[e, 0] * x + normal[e, 1] * y - offset[e]
-        along, size = normal[e, 0] * y - normal[e, 1] * x - start[e], length[e]
-        x, y = normal[e, 0], normal[e, 1]
-    nx, ny = c * x - s * y, s * x + c * y
-    g_N[0], g_N[1], g_N[2] = nx, ny, 0.0
-    g_N[3], g_N[4], g_N[5] = -nx, -ny, by * nx - bx * ny
-    g_F[0], g_F[1], g_F[2] = -ny, nx, -radius
-    g_F[3], g_F[4], g_F[5] = ny, -nx, radius - bx * nx - by * ny
-    return distance - radius, along, size
 
 
 @kernel
@@ -316,9 +214,8 @@ def contact_columns(
         if corners[corner, 2] > 0.0:
             edges = normal[p], offset[p], start[p], length[p]
             arm = corners[corner, 0] - centres[b, 0], corners[corner, 1] - centres[b, 1]
-            phi[i], along[i], lengths[i] = disc_column(
-                corners[corner, 2], arm, (c, s), e, edges, g_N[i], g_F[i]
-            )
+            oval = oval_from(corners, centres, cosine, sine, corner, b)
+            phi[i], along[i], lengths[i] = oval_column(oval, arm, (c, s), e, edges, g_N[i], g_F[i])
             bodies[i, 0], bodies[i, 1] = a, b
             continue
         x, y = normal[p, e, 0], normal[p, e, 1]

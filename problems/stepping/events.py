@@ -309,7 +309,7 @@ def ends_a_slide(
     by the slide, for the larger part, and not by the turn.
     """
     geometry, other = graph.geometry, int(graph.geometry.corner_part[corner])
-    if geometry.is_disc(corner):
+    if geometry.is_round(corner):
         return False
     tips = [
         int(geometry.part_first[part]) + i % max(int(geometry.part_size[part]), 1)
@@ -389,13 +389,13 @@ def successor(geometry: Geometry, pose: Pose, normal: Normal) -> tuple[int, int,
 
     The end of the edge is a corner, too, and is on an edge of the part that slid off; of two such
     edges the best separating axis counts.  What had sunk in still touches, however deep: drift
-    knows nothing of `contact_tol`.  None on the ground, or where nothing touches any more.  A disc
-    goes on at the corner, or the edge beside it, that is nearest.
+    knows nothing of `contact_tol`.  None on the ground, or where nothing touches any more.  What is
+    round goes on at the corner, or the edge beside it, that is nearest.
     """
     corner, part, edge = normal.place
     if geometry.part_body[part] == GROUND:
         return None
-    if geometry.is_disc(corner):
+    if geometry.is_round(corner):
         return corner, part, geometry.nearest(pose, corner, part)
     columns = geometry.columns_at(pose, np.array([normal.place]))
     end = int(columns.along[0] > columns.length[0] / 2)

@@ -32,10 +32,9 @@ EVENT_KINDS = (
     "rest",
 )
 """jam: sliding friction whose gain is 1 or more has stopped contacts, and q̇ jumps; gain: there is
-such friction (`problems.stepping.gain`).  roll_over: a disc goes on from an edge to the corner at
-its end, or back.  overlap: two parts overlap by more than drift may leave;
-what should have kept them apart was found late, or they overlap far too deep whatever keeps them
-now."""
+such friction (`problems.stepping.gain`).  roll_over: a disc or an ellipse goes on from an edge to
+the corner at its end, or back.  overlap: two parts overlap by more than drift may leave; what
+should have kept them apart was found late, or they overlap far too deep whatever keeps them now."""
 
 
 class Stretch(NamedTuple):

@@ -175,7 +175,7 @@ class System:
             self.body_name(int(geometry.part_body[part])),
         )
         who = f"{geometry.corner_number[corner]} of {one}"
-        own = one if geometry.is_disc(corner) else f"corner {who}"
+        own = one if geometry.is_round(corner) else f"corner {who}"
         if edge >= geometry.edge_offset.shape[1]:
             first = geometry.first_edge[part] - geometry.edge_offset.shape[1]
             return f"{own} on corner {first + edge} of {two}"

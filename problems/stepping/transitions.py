@@ -170,7 +170,7 @@ class Transitions:
         hits = []
         for normal in (loss.normal for loss in losses if loss.normal.row_id in self.graph.normals):
             place = successor(geometry, pose, normal)
-            if place is not None and geometry.is_disc(normal.corner):
+            if place is not None and geometry.is_round(normal.corner):
                 self._roll_over(normal, place)
                 continue
             self.system.log("slide_off", self.system.place_name(normal.place))
@@ -189,7 +189,7 @@ class Transitions:
         return hits
 
     def _roll_over(self, normal: Normal, place: tuple[int, int, int]) -> None:
-        """A disc goes on from an edge to its end, or back: q̈ jumps, and the constraint stays."""
+        """What is round goes on from an edge to its end, or back: q̈ jumps, the constraint stays."""
         names = [self.system.place_name(where) for where in (normal.place, place)]
         self.system.log("roll_over", f"{names[0]} to {names[1]}")
         self.graph.hand_over({normal.row_id: place})

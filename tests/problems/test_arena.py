@@ -44,7 +44,7 @@ def test_kernels_find_the_same_in_an_arena_and_without() -> None:
     count, n = 7, 4
     entries, bodies = rng.standard_normal((count, 6)), rng.integers(-1, n, (count, 2))
     v, weights = rng.standard_normal(3 * n), rng.standard_normal(count)
-    local, body = rng.standard_normal((9, 3)), rng.integers(0, n, 9)
+    local, body = rng.standard_normal((9, 4)), rng.integers(0, n, 9)
     A = rng.standard_normal((12, 5))
     calls = [
         (place_corners, v, body, local),

@@ -61,8 +61,8 @@ def test_places(case):
     geometry, q, _ = case
     corners, state = world(geometry, q)
     found = place_corners(q, geometry.corner_body, geometry.corner_local)
-    radii = np.zeros((len(corners), 1))
-    twins = np.hstack([corners, radii]), state[:, :2], np.cos(state[:, 2]), np.sin(state[:, 2])
+    no_ovals = np.zeros((len(corners), 3))
+    twins = np.hstack([corners, no_ovals]), state[:, :2], np.cos(state[:, 2]), np.sin(state[:, 2])
     for one, twin in zip(found, twins, strict=True):
         np.testing.assert_allclose(one, twin, **EXACT)
 

@@ -30,7 +30,7 @@ from harness.peers.observe import energy, observe, penetration
 from harness.peers.ours import BOUNDED, Glambda
 from harness.peers.tasks import DEFAULT, FRAME, Task, digest_of, started, tasks_of
 from problems import Scene, scene
-from problems.bodies.bodies import box, disc
+from problems.bodies.bodies import box, disc, ellipse
 from problems.contacts.geometry import HalfPlane
 from problems.joints.joints import Pin
 from reports.peers.page import write_peers
@@ -125,6 +125,7 @@ def test_a_leaning_box_falls_as_its_moment_of_inertia_says(engine: str) -> None:
         ("mu_pairs", {(1, 0): 0.3}),
         ("forces", leaning_box(spring=True).forces),
         ("bodies", (disc(0.5),)),
+        ("bodies", (ellipse(0.5, 0.3),)),
         ("joints", (Pin(0, (0.0, 0.0)),)),
         ("restitution", 0.5),
     ],
