@@ -97,7 +97,7 @@ class Recording(Short):
     qps, solutions, references : one each per QP; a reference that was not accepted is None
     mu : for each QP (k,), the friction coefficient of a tangent row's contact; 0 elsewhere
     polygons : for each body its convex polygons, (c, 2) corners in body coordinates [m]; a disc is
-        one of one corner, (radius, 0)
+        one of one corner, (radius, 0), an ellipse one of two, (a, 0) and (0, b)
     t : (n,), q, v : (n, bodies, 3)   the accepted steps
     events : `Event`s in order of time;  counts : the stepper's work counts
     """

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from problems.bodies.shapes import ellipse_point, semi_axes
 from problems.qp import FREE, NORMAL, TANGENT, ContactQP, Solution
 from reports.motions.motion import Array, moved
 
@@ -86,12 +87,15 @@ def _force(
 
 
 def _corner(parts: Sequence[Array], corner: int, pose: Array, normal: Array) -> Array:
-    """Where a corner is; of a disc, where its periphery touches."""
+    """Where a corner is; of a disc or an ellipse, where its periphery touches."""
     local = np.concatenate([np.asarray(part) for part in parts])
     sizes = np.repeat([len(part) for part in parts], [len(part) for part in parts])
-    if sizes[corner] > 1:
+    if sizes[corner] > 2:
         return moved(pose, local[corner])
-    return np.asarray(pose[:2] - local[corner, 0] * normal)
+    if not normal.any():
+        return np.asarray(pose[:2])
+    inward = moved(np.array([0.0, 0.0, -pose[2]]), -normal)
+    return moved(pose, ellipse_point(*semi_axes(local), inward))
 
 
 def _state(qp: ContactQP, solution: Solution, columns: list[int]) -> int:

@@ -259,7 +259,7 @@ def draw_bodies(
             axes.add_patch(
                 Polygon(part, fill=False, edgecolor=INK, linewidth=0.8, zorder=3, joinstyle="round")
             )
-            if len(motion.polygons[body][0]) == 1:  # a spoke shows how a disc turns
+            if len(motion.polygons[body][0]) < 3:  # a spoke shows how what is round turns
                 spoke = np.array([pose[body][:2] + 0.6 * (part[0] - pose[body][:2]), part[0]])
                 axes.plot(*spoke.T, color=INK, linewidth=0.8, zorder=3)
         x, y, phi = pose[body]

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from problems import Scene, scene
 from problems.bodies.bodies import GROUND
+from problems.bodies.shapes import semi_axes
 
 Array = NDArray[np.float64]
 
 ROUND = 72
-"""Corners that a disc is drawn with."""
+"""Corners that a disc or an ellipse is drawn with."""
 
 PAPER_TIMES = {"fig3": (0.7302, 2.1151, 4.0002)}
 """Times printed under the paper's frames where the text keeps them [s]."""
@@ -35,7 +36,7 @@ class Motion:
     q : (n, bodies, 3) x, y [m] and φ [rad]
     v : (n, bodies, 3) their velocities [m/s, m/s, rad/s]
     polygons : per body, its convex parts, each (c, 2) in body coordinates [m]; of a disc the one
-        point (radius, 0)
+        point (radius, 0), of an ellipse (a, 0) and (0, b)
     springs, bars : what connects two points: (body, point in its coordinates, other body, anchor
         in those of the other, or in the plane where that is the ground)
     ground : half planes that do not move, each (point [m], normal out of it)
@@ -57,7 +58,7 @@ class Motion:
         return np.array(values).reshape(self.q.shape[1:])
 
     def corners(self, pose: Array, body: int) -> list[Array]:
-        """The parts of one body in the plane, each (c, 2) [m]; discs as polygons."""
+        """The parts of one body in the plane, each (c, 2) [m]; what is round as a polygon."""
         return [moved(pose[body], _outline(np.asarray(part))) for part in self.polygons[body]]
 
     def spring_ends(self, pose: Array) -> list[Array]:
@@ -80,11 +81,11 @@ def _ends(link: Link, pose: Array) -> Array:
 
 
 def _outline(part: Array) -> Array:
-    """Corners of a part, `ROUND` of them of a disc."""
-    if len(part) > 1:
+    """Corners of a part, `ROUND` of them of what is round."""
+    if len(part) > 2:
         return part
     angle = 2 * np.pi / ROUND * np.arange(ROUND)
-    return float(part[0, 0]) * np.column_stack([np.cos(angle), np.sin(angle)])
+    return np.array(semi_axes(part)) * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def moved(pose: Array, points: Array) -> Array:

@@ -65,12 +65,13 @@ function drawBody(to, body, [x, y, phi]) {
   const moved = ([a, b]) => to.at(x + cos * a - sin * b, y + sin * a + cos * b);
   for (const corners of data.parts[body]) {
     path(corners.map(moved));
-    if (corners.length === 1) {
-      const radius = corners[0][0];
+    if (corners.length < 3) {  // a disc or an ellipse, with a spoke
+      const a = corners[0][0], b = corners[corners.length - 1][corners.length - 1];
+      const axes = [a, b].map((length) => Math.max(to.scale * length, 0.5));
       pen.beginPath();
-      pen.arc(...to.at(x, y), Math.max(to.scale * radius, 0.5), 0, 7);
-      pen.moveTo(...moved([0.4 * radius, 0]));
-      pen.lineTo(...moved([radius, 0]));
+      pen.ellipse(...to.at(x, y), ...axes, -phi, 0, 7);
+      pen.moveTo(...moved([0.4 * a, 0]));
+      pen.lineTo(...moved([a, 0]));
     }
     pen.globalAlpha = 0.5;
     pen.fillStyle = data.colours[body % data.colours.length];

@@ -15,9 +15,12 @@ from typer.testing import CliRunner
 
 from glambda.cli import app
 from harness.recordings.recording import write_recording
+from problems.bodies.bodies import ellipse
+from problems.contacts.geometry import Geometry, HalfPlane
 from problems.qp import AT_UPPER, FREE, ContactQP, Solution, Status
 from problems.stepping.run import Event
 from reports.motions.contact_forces import IMPULSE, SLIDES, STICKS, forces, qps_of_frames
+from reports.motions.motion import ROUND, Motion
 from reports.motions.player import MOST, player_data, write_player
 from reports.rows.results import prepare
 from tests.reports.browser import Browser, found
@@ -67,6 +70,28 @@ def test_a_disc_is_pressed_at_its_periphery() -> None:
     touching = pressed([(0, 0, -1, 0, 0)], [(0, 1, 0)], [4.0])
     (force,) = forces(*touching, np.array([[1.0, 0.5, 0.7]]), [DISC])
     np.testing.assert_allclose(force.at, (1.0, 0.0), atol=1e-15)
+
+
+def test_an_ellipse_is_pressed_where_it_is_farthest_down() -> None:
+    touching = pressed([(0, 0, -1, 0, 0)], [(0, 1, 0)], [4.0])
+    geometry = Geometry((ellipse(0.5, 0.2),), (HalfPlane(),))
+    pose = geometry.pose(np.array([1.0, 0.5, 0.7]))
+    (force,) = forces(*touching, np.array([[1.0, 0.5, 0.7]]), [ellipse(0.5, 0.2).polygons])
+    np.testing.assert_allclose(force.at, geometry.touched(pose, 0, np.array([0.0, 1.0])))
+    low = geometry.clearance(pose, np.array([0]), np.array([1]))[0]
+    assert force.at[1] == pytest.approx(low)
+
+
+def test_what_is_round_is_drawn_by_its_outline() -> None:
+    parts = [ellipse(0.5, 0.2).polygons, DISC, BOX]
+    pose = np.array([(1.0, 2.0, np.pi / 2)] * 3)
+    motion = Motion("three", np.zeros(1), pose[None], np.zeros((1, 3, 3)), parts)
+    (tall,), (round_,), (box,) = (motion.corners(pose, body) for body in range(3))
+    assert len(tall) == len(round_) == ROUND
+    assert len(box) == 4
+    x, y = (tall - (1.0, 2.0)).T
+    np.testing.assert_allclose((x / 0.2) ** 2 + (y / 0.5) ** 2, 1.0)
+    np.testing.assert_allclose(np.hypot(*(round_ - (1.0, 2.0)).T), 0.5)
 
 
 def test_columns_that_are_no_contact_press_nowhere() -> None:
