@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 
 import pandas as pd
 
-from harness.cases import bodies, linkages, networks, space
+from harness.cases import bodies, linkages, networks, space, wheels
 from harness.cases.bodies import Found
 from harness.results.claim import Claim, claim_over
 from problems.sequence import SolvesQPs
@@ -19,6 +19,7 @@ CASES: dict[str, Callable[[SolvesQPs], list[Found]]] = {
     "cards": bodies.cards,
     "dominoes": bodies.dominoes,
     "sunk": bodies.sunk,
+    "rocking": wheels.rocking,
     "slider_crank": linkages.slider_crank,
     "double_pendulum": linkages.double_pendulum,
     "skate": linkages.skate,

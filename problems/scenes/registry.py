@@ -37,8 +37,10 @@ WHEELS = {
     "bowling": "problems.scenes.wheels:bowling",
     "discs": "problems.scenes.wheels:discs",
     "wheel_edge": "problems.scenes.wheels:wheel_edge",
+    "rocking": "problems.scenes.ellipses:rocking",
+    "pebbles": "problems.scenes.ellipses:pebbles",
 }
-"""Scenes of discs."""
+"""Scenes of discs and ellipses."""
 LINKAGES = {
     "slider_crank": "problems.scenes.linkages:slider_crank",
     "double_pendulum": "problems.scenes.linkages:double_pendulum",

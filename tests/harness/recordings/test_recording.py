@@ -92,6 +92,13 @@ def test_a_disc_is_read_as_it_was_written(tmp_path: Path) -> None:
         np.testing.assert_array_equal(one, two)
 
 
+def test_an_ellipse_is_read_as_it_was_written(tmp_path: Path) -> None:
+    path, made = tmp_path / "rocking.h5", scene("rocking")
+    write_recording(path, record(made, until=0.1))
+    (read,) = read_recording(path).polygons[0]
+    np.testing.assert_array_equal(read, [(0.5, 0.0), (0.0, 0.3)])
+
+
 def test_empty_recording(tmp_path: Path) -> None:
     made = replace(
         fake_recording(),
