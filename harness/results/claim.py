@@ -88,7 +88,8 @@ class Claim:
 
     def store(self, folder: Path, unit: Unit) -> None:
         """Measure a unit and keep its rows, at once or not at all."""
-        found = pd.DataFrame(self.rows(**unit))
+        # numbers beside a part without rows are objects
+        found = pd.DataFrame(self.rows(**unit)).infer_objects()
         rows = found.assign(**unit)[[*unit, *found.columns.difference(list(unit), sort=False)]]
         columns = {
             str(name): pa.array(column.to_numpy(), TYPES.get(column.dtype.kind, pa.string()))
