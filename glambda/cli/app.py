@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import typer
 
-from glambda.cli import completion
+from glambda.cli.completion import complete_scenes, complete_solvers
 from glambda.cli.streams import say
 
 if TYPE_CHECKING:
@@ -50,11 +50,11 @@ SceneName = Annotated[
     typer.Argument(
         metavar="SCENE",
         help="a scene, see 'glambda scenes', such as fig4,mu_I=0.8",
-        autocompletion=completion.scenes,
+        autocompletion=complete_scenes,
     ),
 ]
 SolverName = Annotated[
-    str, typer.Option(help="drives the simulation", autocompletion=completion.solvers)
+    str, typer.Option(help="drives the simulation", autocompletion=complete_solvers)
 ]
 Files = Annotated[list[Path], typer.Argument(metavar="FILE...", help="recordings (.h5)")]
 Sets = Annotated[
@@ -96,7 +96,7 @@ Solvers = Annotated[
     typer.Option(
         help="names with commas between, such as glambda,lotstedt[deferred],daqp; "
         "all: every backend that is installed; forms: the packages in each form that they take",
-        autocompletion=completion.solvers,
+        autocompletion=complete_solvers,
     ),
 ]
 Workers = Annotated[

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 
-def scenes(incomplete: str) -> list[str]:
+def complete_scenes(incomplete: str) -> list[str]:
     """Scenes whose names begin like this."""
     from problems.scenes.registry import scene_names
 
     return [name for name in scene_names() if name.startswith(incomplete)]
 
 
-def solvers(incomplete: str) -> list[str]:
+def complete_solvers(incomplete: str) -> list[str]:
     """The same of solvers; of a list with commas between, its last name is completed."""
     from solvers.registry import solver_names
 

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from glambda.cli import completion
 from glambda.cli.app import app, terminal, told
+from glambda.cli.completion import complete_scenes
 from glambda.cli.streams import say
 
 LONGEST = 6.0
@@ -21,7 +21,7 @@ def gallery(
     names: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[SCENE...]", help="default: every scene", autocompletion=completion.scenes
+            metavar="[SCENE...]", help="default: every scene", autocompletion=complete_scenes
         ),
     ] = None,
     output: Annotated[Path, typer.Option("-o", "--output", help="folder")] = Path("gallery"),

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from glambda.cli import completion
 from glambda.cli.app import (
     Drift,
     DriftTime,
@@ -31,6 +30,7 @@ from glambda.cli.app import (
     terminal,
     told,
 )
+from glambda.cli.completion import complete_scenes
 
 if TYPE_CHECKING:
     from harness.recordings.recording import Recording
@@ -176,7 +176,7 @@ def record(
         typer.Argument(
             metavar="[SCENE...]",
             help="default: the paper's four; or mujoco:NAME, a model of ours or an .xml of yours",
-            autocompletion=completion.scenes,
+            autocompletion=complete_scenes,
         ),
     ] = None,
     settings: Sets = None,
