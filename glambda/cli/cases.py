@@ -44,7 +44,7 @@ def cases(
     claims = [cases_claim(names or CASES, solver)]
     if foils:
         claims.append(foils_claim(solver))
-    with shown("cases", terminal(err=True)) as tell:
+    with shown("cases", terminal(err=True), minutes=3) as tell:
         measured = measure(claims, output, tell)
     tables = [cases_table(measured["cases"])]
     if foils:

@@ -35,7 +35,7 @@ def convergence(
     from reports.parts.table import print_tables
     from solvers import make_solver
 
-    with shown("convergence", terminal(err=True)) as tell:
+    with shown("convergence", terminal(err=True), minutes=3) as tell:
         claims = convergence_claims(scenes or SCENES, make_solver("glambda"))
         measured = Converged(**measure(claims, output, tell))
     page = write_convergence(measured, output)

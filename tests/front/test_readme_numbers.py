@@ -153,7 +153,7 @@ EXEMPT: dict[str, str] = {
     "pushes two bodies": "what a contact is",
     "## Two commands": "they stand below it",
     "`make check` runs, in under a minute,": "a time of one machine; it tells its own at every run",
-    "names, in about an hour": "a time of one machine; it tells its own at every run",
+    "names, in about two hours": "a time of one machine; it tells its own at every run",
     "0 fine, 1 a judged failure or a motion that cannot go on, 2 bad input, 130 interrupted": (
         "tests/front/test_cli.py and test_streams.py hold exit codes"
     ),
