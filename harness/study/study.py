@@ -89,13 +89,24 @@ QUICK = StudyPlan(
 """About a minute on two cores."""
 
 
+def refuse_unknown(plan: StudyPlan) -> None:
+    """Raise ValueError for a plan without scenes or with unknown ones."""
+    if not plan.scenes:
+        raise ValueError("the study has no scenes; name some, or leave the option out")
+    for label in plan.scenes:
+        name, parameters = parse_label(label)
+        make_scene(name, **parameters)
+
+
 def estimate(plan: StudyPlan) -> str:
-    """How much a study does, and how long that takes on two cores like those of the table's."""
+    """How much a study does, and how long that takes on two cores; "" of up to a minute."""
     runs = len(plan.scenes) * len(plan.settings) * len(plan.arms) * len(plan.named_solvers())
-    minutes = max(round(runs * plan.repeats * PASS_SECONDS / 60), 1)
+    minutes = round(runs * plan.repeats * PASS_SECONDS / 60)
+    if minutes <= 1:
+        return ""
     return (
-        f"study: {_count(runs, 'run')} of {_count(plan.repeats, 'pass')}; some "
-        f"{_count(minutes, 'minute')}; interrupted, the same command continues"
+        f"study: {_count(runs, 'run')} of {_count(plan.repeats, 'pass')}; some {minutes} minutes; "
+        "interrupted, the same command continues"
     )
 
 
@@ -135,11 +146,7 @@ def run_study(
     Raises ValueError for a plan without scenes or with unknown ones, before anything is written,
     and else as `record` and `replay` do.  Whatever was finished before an interruption is kept.
     """
-    if not plan.scenes:
-        raise ValueError("the study has no scenes; name some, or leave the option out")
-    for label in plan.scenes:
-        name, parameters = parse_label(label)
-        make_scene(name, **parameters)
+    refuse_unknown(plan)
     solvers = plan.named_solvers()
     store = Store(results)
     store.write_study(

@@ -31,7 +31,7 @@ def test_parameters_are_all_recorded_and_changes_make_the_label():
         ("fig9", {}, "unknown scene 'fig9'; did you mean 'fig"),
         ("qwerty", {}, "unknown scene 'qwerty'; there are: fig2"),
         ("Tower", {}, "did you mean 'tower'?"),
-        ("fig2", {"bodies": 3}, "no parameter 'bodies'; did you mean 'boxes'? it has: boxes"),
+        ("fig2", {"bodies": 3}, "no parameter 'bodies'; did you mean 'boxes'"),
         ("fig2", {"boxes": "many"}, "must be of type int"),
         ("fig2", {"boxes": 2.5}, "must be a whole number"),
         ("fig2", {"boxes": np.inf}, "must be of type int"),

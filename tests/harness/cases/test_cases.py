@@ -81,7 +81,7 @@ def test_the_scenes_are_listed_and_other_engines_can_read_them() -> None:
     listed = scene_kinds()["cases"]
     kinds = scene_kinds()
     assert {*BOUNDS, *ELSEWHERE} == set(CASES)
-    others = {*kinds["networks"], *kinds["linkages"], *kinds["space"]}
+    others = {*kinds["wheels"], *kinds["networks"], *kinds["linkages"], *kinds["space"]}
     assert set(listed) < set(CASES) and set(CASES) - set(listed) < others
     for name in listed:
         assert not started(name).impulses
