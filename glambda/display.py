@@ -186,13 +186,13 @@ def replay_table(rows: pd.DataFrame) -> Table:
     That is the first of them, and then variants are left out, too: the report has all.
     """
     title = "Replayed (error: ‖A(x − x*)‖/scale; µs: median per QP)"
-    settings = [name for name in SETTINGS if name in set(rows["settings"])]
-    settings += sorted(set(rows["settings"]) - set(settings))
     if rows.groupby(["solver", "settings"]).ngroups > SCREEN:
-        rows = rows[rows["settings"] == settings[0]]
+        there = sorted(set(rows["settings"]))
+        first = next((name for name in SETTINGS if name in there), there[0])
+        rows = rows[rows["settings"] == first]
         if rows["solver"].nunique() > SCREEN:
             rows = rows[~rows["solver"].str.contains("[", regex=False)]
-        title += f"; here at {settings[0]}, the report has all"
+        title += f"; here at {first}, the report has all"
     arms = [arm for arm in EVERY_ARM if arm in set(rows["arm"])]
     lines = []
     for (solver, setting), part in rows.groupby(["solver", "settings"], sort=True):

@@ -107,15 +107,12 @@ def simulate(
     from harness.progress import shown
     from problems import simulate as run_scene
     from problems.sequence import SimulationError
-    from reports.motions.film import ffmpeg
     from solvers import make_solver
     from solvers.registry import target_of
 
     table = output_file(trajectory, (".csv",), "--trajectory")
     picture = output_file(plot, (".png", ".svg", ".pdf"), "--plot")
-    film = output_file(animate, (".gif", ".mp4"), "--animate")
-    if film is not None and film.suffix.lower() == ".mp4":
-        ffmpeg()  # raises where there is none
+    film = None if animate is None else _film_file(animate)
     if not speed > 0:
         raise ValueError(f"--speed {speed:g}: give seconds of motion, above 0")
     with shown(f"make {scene}", terminal(err=True)):  # a large heap takes half a minute
@@ -143,6 +140,15 @@ def simulate(
     if early is not None:
         files = f" is in {', '.join(map(str, written))}" if written else " is kept by --trajectory"
         raise type(early)("; ".join([*map(str, early.args), f"the motion until then{files}"]))
+
+
+def _film_file(path: Path) -> Path | None:
+    """`output_file` of a film.  Raises ImportError where there is no program that writes it."""
+    from reports.motions.film import SUFFIXES, writer_of
+
+    film = output_file(path, SUFFIXES, "--animate")
+    writer_of(path)
+    return film
 
 
 def _write(

@@ -70,7 +70,7 @@ def study(
     from harness.progress import shown
     from harness.results.store import read_results
     from harness.study.plan_file import read_plan
-    from harness.study.study import QUICK, StudyPlan, estimate, refuse_unknown, run_study
+    from harness.study.study import QUICK, StudyPlan, run_study
     from problems.scenes.registry import chosen_scenes
     from reports.page.page import write_report
 
@@ -83,12 +83,14 @@ def study(
         plan = with_changes(plan, solvers=tuple(chosen_solvers(solvers)))
     folder = results or Path("results/quick" if quick else "results")
     console = terminal(err=True)
-    refuse_unknown(plan)
-    if told_first := estimate(plan):
-        say(told_first, err=True)
     with shown("study", console) as tell:
         run_study(
-            plan, folder, written=written, cluster=cluster_of(workers, cluster), progress=tell
+            plan,
+            folder,
+            written=written,
+            cluster=cluster_of(workers, cluster),
+            announce=lambda text: say(text, err=True) if text else None,
+            progress=tell,
         )
     with console.status("drawing the report"):
         page = write_report(folder, folder / "report")

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -89,15 +90,6 @@ QUICK = StudyPlan(
 """About a minute on two cores."""
 
 
-def refuse_unknown(plan: StudyPlan) -> None:
-    """Raise ValueError for a plan without scenes or with unknown ones."""
-    if not plan.scenes:
-        raise ValueError("the study has no scenes; name some, or leave the option out")
-    for label in plan.scenes:
-        name, parameters = parse_label(label)
-        make_scene(name, **parameters)
-
-
 def estimate(plan: StudyPlan) -> str:
     """How much a study does, and how long that takes on two cores; "" of up to a minute."""
     runs = len(plan.scenes) * len(plan.settings) * len(plan.arms) * len(plan.named_solvers())
@@ -136,17 +128,24 @@ def run_study(
     *,
     written: bytes | None = None,
     cluster: str | int | None = None,
+    announce: Callable[[str], None] = lambda text: None,
     progress: Progress | None = None,
 ) -> list[Recording]:
     """Record and replay; the report is the command line's to call, since it is another package's.
 
     written : the file that the plan is from; a copy stays with the results, study.toml
     cluster : address of a Dask scheduler, or a number of workers to start here; None: neither
+    announce : called with `estimate` before anything is run
 
     Raises ValueError for a plan without scenes or with unknown ones, before anything is written,
     and else as `record` and `replay` do.  Whatever was finished before an interruption is kept.
     """
-    refuse_unknown(plan)
+    if not plan.scenes:
+        raise ValueError("the study has no scenes; name some, or leave the option out")
+    for label in plan.scenes:
+        name, parameters = parse_label(label)
+        make_scene(name, **parameters)
+    announce(estimate(plan))
     solvers = plan.named_solvers()
     store = Store(results)
     store.write_study(

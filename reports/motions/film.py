@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,23 +33,31 @@ def film(figure: Figure, path: Path, fps: int, pixels: int) -> Iterator[Callable
     MP4 where there is no FFmpeg.
     """
     import matplotlib as mpl
+
+    if not (fps > 0 and pixels > 0):
+        raise ValueError(f"fps = {fps} and {pixels} pixels must be positive")
+    made, settings = writer_of(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with mpl.rc_context(settings):
+        writer = made(fps=fps)
+        with writer.saving(figure, str(path), dpi=pixels / figure.get_figwidth()):
+            # pictures of a GIF lie on top of one another: each needs its own ground
+            yield lambda: writer.grab_frame(facecolor=PAPER)
+
+
+def writer_of(path: Path) -> tuple[Callable[..., Any], Any]:
+    """What writes a film, and the settings of matplotlib that it needs.
+
+    Raises ValueError for another suffix, and ImportError for an MP4 where there is no FFmpeg.
+    """
     from matplotlib.animation import FFMpegWriter, PillowWriter
 
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise ValueError(f"{path.name}: a film is written as {' or '.join(SUFFIXES)}")
-    if not (fps > 0 and pixels > 0):
-        raise ValueError(f"fps = {fps} and {pixels} pixels must be positive")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with mpl.rc_context():
-        if suffix == ".gif":
-            writer: Any = PillowWriter(fps=fps)
-        else:
-            mpl.rcParams["animation.ffmpeg_path"] = ffmpeg()
-            writer = FFMpegWriter(fps=fps, bitrate=BITRATE)
-        with writer.saving(figure, str(path), dpi=pixels / figure.get_figwidth()):
-            # pictures of a GIF lie on top of one another: each needs its own ground
-            yield lambda: writer.grab_frame(facecolor=PAPER)
+    if suffix == ".gif":
+        return PillowWriter, {}
+    return partial(FFMpegWriter, bitrate=BITRATE), {"animation.ffmpeg_path": ffmpeg()}
 
 
 def ffmpeg() -> str:

@@ -8,12 +8,18 @@ import numpy as np
 
 from harness.claims.checking import check
 from harness.claims.checks.bead import slope
-from problems import scene, simulate
+from problems import Scene, scene, simulate
 from problems.friction.rules import FrictionRule
 from problems.stepping.run import Run
 from solvers import make_solver
 
 SEEDS = 8
+
+
+def _run(made: Scene, friction: FrictionRule, until: float) -> Run:
+    """A motion that does not end at rest."""
+    return simulate(made, make_solver("glambda"), friction=friction, until=until,
+                    keep_qps=False, rest_speed=1e-300)  # fmt: skip
 
 
 @check
@@ -22,13 +28,10 @@ def amplified(label: str, friction: FrictionRule, size: float, until: float) -> 
 
     The ends of both runs are at the same time, by constant steps.
     """
-    made, solver = scene(label), make_solver("glambda")
+    made = scene(label)
     moved = made.q0.copy()
     moved[0, 0] += size
-    ends = [
-        simulate(one, solver, friction=friction, until=until, keep_qps=False, rest_speed=1e-300)
-        for one in (made, replace(made, q0=moved))
-    ]
+    ends = [_run(one, friction, until) for one in (made, replace(made, q0=moved))]
     return float(np.abs(ends[0].q[-1] - ends[1].q[-1]).max() / size)
 
 
@@ -38,8 +41,7 @@ def _moved(label: str, friction: FrictionRule, until: float, size: float, seed: 
     shift = np.random.default_rng(seed).uniform(-1.0, 1.0, len(made.q0))
     q0 = made.q0.copy()
     q0[:, 0] += size * shift / np.abs(shift).max()
-    return simulate(replace(made, q0=q0), make_solver("glambda"), friction=friction, until=until,
-                    keep_qps=False, rest_speed=1e-300)  # fmt: skip
+    return _run(replace(made, q0=q0), friction, until)
 
 
 @check
