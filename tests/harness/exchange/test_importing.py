@@ -191,6 +191,7 @@ def test_a_diagonal_of_thousands_stays_sparse(tmp_path: Path) -> None:
     assert notes["import.form"] == "velocity form"
 
 
+@pytest.mark.rounding
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("blocks", [False, True])
 def test_siconos(dim: int, blocks: bool, tmp_path: Path) -> None:
@@ -207,8 +208,10 @@ def test_siconos(dim: int, blocks: bool, tmp_path: Path) -> None:
     assert np.allclose(second.dense_A.T @ second.d, q)
     known = made.references[-2]
     assert known is not None
-    pushed = known.x[normals]
-    assert np.allclose(second.upper[1::dim], 0.4 * pushed, rtol=1e-5, atol=1e-8)
+    # two contacts are the same, so that only what they push together is unique
+    pushed = np.column_stack([second.upper[1::dim] / 0.4, known.x[normals]])
+    assert (pushed >= 0).all()
+    assert np.allclose(*(first.dense_A @ pushed).T, rtol=1e-5, atol=1e-8)
     assert np.isinf(second.upper[normals]).all()
     found = judge(second, made.references[-1].x)  # type: ignore[union-attr]
     assert 0 <= found.approach < 1e-6
