@@ -56,12 +56,12 @@ campaigns: study
 	$(BIN)/glambda replay results/disturbed/*.h5 --settings paper --arms cold,warm -o results
 
 families: $(INSTALLED)
-	$(BIN)/glambda record tower --set bodies=150 --until 0.3 --overwrite -o results/families
-	$(BIN)/glambda record wall --set bodies=200 --until 0.3 --overwrite -o results/families
-	$(BIN)/glambda record pyramid --set bodies=105 --until 0.3 --overwrite -o results/families
-	$(BIN)/glambda record heap --set bodies=20 --until 0.1 --overwrite -o results/families
-	$(BIN)/glambda record tower --set bodies=40 --set mu=0.5 --until 0.3 --overwrite -o results/families
-	$(BIN)/glambda record wall --set bodies=12 --set mu=0.3 --until 0.1 --overwrite -o results/families
+	$(BIN)/glambda record tower --set bodies=150 --set speed=0.01 --until 0.3 --overwrite -o results/families
+	$(BIN)/glambda record wall --set bodies=200 --set speed=0.01 --until 0.3 --overwrite -o results/families
+	$(BIN)/glambda record pyramid --set bodies=105 --set speed=0.01 --until 0.3 --overwrite -o results/families
+	$(BIN)/glambda record heap --set bodies=20 --set room=0 --until 0.1 --overwrite -o results/families
+	$(BIN)/glambda record tower --set bodies=40 --set speed=0.01 --set mu=0.5 --until 0.3 --overwrite -o results/families
+	$(BIN)/glambda record wall --set bodies=12 --set speed=0.01 --set mu=0.3 --until 0.1 --overwrite -o results/families
 
 outside: study families
 	$(BIN)/python -m pip install --quiet -e '.[dev,mujoco]'

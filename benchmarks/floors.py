@@ -32,7 +32,8 @@ from rich.progress import track
 from benchmarks.hand_written import HANDS, Hand
 from harness.judging.facts import facts_of
 from harness.machine.threads import one_thread
-from problems import ContactQP, scene, simulate
+from problems import ContactQP, simulate
+from problems.scenes.calm import calm_scene
 from problems.scenes.labels import parse_label
 from reports.parts.terminal_table import terminal_table
 from solvers import available_solvers, make_solver
@@ -73,7 +74,7 @@ class Line(NamedTuple):
 def sequence(label: str, longest: int = LONGEST) -> list[Posed]:
     """QPs of the steps of a scene that no package can complain of: no fixed rows."""
     name, parameters = parse_label(label)
-    run = simulate(scene(name, **parameters), make_solver("glambda"))
+    run = simulate(calm_scene(name, **parameters), make_solver("glambda"))
     reference = make_solver("velocity")
     posed = []
     for qp in run.qps:

@@ -36,9 +36,9 @@ from rich.table import Table
 import problems.friction.posed as posed_module
 import problems.stepping.driver as driver_module
 import problems.stepping.stepper as stepper_module
-from problems import scene
 from problems.friction.posed import PosedPasses
 from problems.scenes import Scene
+from problems.scenes.calm import calm_scene
 from problems.sequence import QPSequence
 from problems.stepping.stepper import Stepper, StepperOptions
 from solvers import make_solver
@@ -132,7 +132,7 @@ def time_of(start: Scene, **options: Any) -> tuple[float, int, dict[str, float]]
 
 def drift(bodies: int, velocity: float, steps: int = 100) -> tuple[float, float]:
     """Farthest motion [m or rad] of a tower at rest, and CPU seconds per step."""
-    start = scene("tower", bodies=bodies, mu=0.5, speed=0.0, jitter=0.0)
+    start = calm_scene("tower", bodies=bodies, mu=0.5, speed=0.0, jitter=0.0)
     kick = velocity * np.random.default_rng(0).uniform(-1.0, 1.0, (bodies, 3))
     stepper = started(replace(start, v0=kick), eps=1e-9, drop_tol=1e-3, fixed_step=1 / 240)
     begin = time.process_time()
@@ -155,10 +155,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     ]
     for parameters in SMALL:  # impacts and friction load their kernels, too
         for keep in (True, False):
-            time_of(scene(**parameters), keep_qps=keep)
+            time_of(calm_scene(**parameters), keep_qps=keep)
     unit, first = 0.0, (0, 0.0)
     for parameters, bodies in track(cases, console=Console(stderr=True)):
-        start = scene(**parameters, **({"bodies": bodies} if bodies else {}))
+        start = calm_scene(**parameters, **({"bodies": bodies} if bodies else {}))
         seconds, steps, shares = time_of(start)
         alone, _, _ = time_of(start, keep_qps=False)
         unit = unit or seconds

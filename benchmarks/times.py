@@ -117,14 +117,15 @@ def contest(name: str, setting: str, sequences: Path) -> None:
 
 def write_sequences(labels: Sequence[str], path: Path) -> None:
     """Simulate the scenes and keep their QPs as plain arrays, which every version can read."""
-    from problems import scene, simulate
+    from problems import simulate
+    from problems.scenes.calm import calm_scene
     from problems.scenes.labels import parse_label
     from solvers import make_solver
 
     kept: dict[str, Any] = {}
     for label in labels:
         name, parameters = parse_label(label)
-        run = simulate(scene(name, **parameters), make_solver("velocity"))
+        run = simulate(calm_scene(name, **parameters), make_solver("velocity"))
         for number, qp in enumerate(run.qps):
             where = f"{label}/{number}"
             A = sp.csc_array(qp.A)

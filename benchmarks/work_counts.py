@@ -39,8 +39,9 @@ import scipy.sparse as sp
 from harness.names import METHOD, PAPER
 from harness.passes.measure import run_pass
 from harness.passes.starts import ARMS
-from problems import ContactQP, Solution, scene, simulate
+from problems import ContactQP, Solution, simulate
 from problems.qp import Matrix, WorkCounts
+from problems.scenes.calm import calm_scene
 from problems.scenes.labels import parse_label
 from solvers import make_solver
 from solvers.active_set.lotstedt import VARIANTS
@@ -97,9 +98,9 @@ def sequence(label: str, seed: int | None = None) -> list[ContactQP]:
     """The QPs of a scene; with a seed, those of another machine in small."""
     name, parameters = parse_label(label)
     if seed is None:
-        return simulate(scene(name, **parameters), make_solver(DRIVER)).qps
+        return simulate(calm_scene(name, **parameters), make_solver(DRIVER)).qps
     rng = np.random.default_rng(seed)
-    run = simulate(scene(name, **parameters), Disturbed(rng))
+    run = simulate(calm_scene(name, **parameters), Disturbed(rng))
     return [replace(qp, A=_disturb_matrix(qp.A, rng), d=_disturb(qp.d, rng)) for qp in run.qps]
 
 

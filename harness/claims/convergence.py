@@ -33,7 +33,10 @@ from problems.sequence import SolvesQPs
 
 SWEEP = tuple(float(f"{10 ** (-k / 2):.2g}") for k in range(4, 13))
 """ε of the runs, two per decade."""
-SCENES = ("fig2", "fig3", "fig4", "fig5", "tower,bodies=5,lean=0.1", "wall,bodies=6,mu=0.3")
+SCENES = (
+    *("fig2", "fig3", "fig4", "fig5"),
+    *("tower,bodies=5,lean=0.1,speed=0.01", "wall,bodies=6,speed=0.01,mu=0.3"),
+)
 FINE = 1e-4
 """Largest ε of the second fit."""
 ROUNDING = 1e-11

@@ -41,6 +41,7 @@ from harness.study.replay import replay
 from problems import ContactQP, simulate
 from problems import scene as make_scene
 from problems.qp import Matrix
+from problems.scenes.calm import calm_scene
 from problems.scenes.labels import parse_label
 from solvers import make_solver
 from solvers.active_set.method import CROSSOVER
@@ -122,9 +123,12 @@ class Plan:
 
 
 def sequence(folder: Path, family: str, bodies: int, progress: Progress | None = None) -> Recording:
-    """The recording of a family at one size, from `folder` if it is there and current."""
+    """The recording of a family at one size, from `folder` if it is there and current.
+
+    Families are slow where the label does not say otherwise (`problems.scenes.calm`).
+    """
     name, parameters = parse_label(family)
-    scene = make_scene(name, **parameters, bodies=bodies)
+    scene = calm_scene(name, **parameters, bodies=bodies)
     how: dict[str, Any] = {"until": STEPS * STEP, "fixed_step": STEP}
 
     def make() -> Recording:

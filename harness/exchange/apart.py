@@ -1,9 +1,9 @@
 """Foreign bytes in the hands of libraries that are made for sound files: in a process apart.
 
 A flipped bit makes SciPy's reader of MATLAB files write where it should not, and can keep HDF5 busy
-for ever.  So a fork of this process reads: it may take `SECONDS` of computing and what memory there
-is, hands back arrays through a file, and if it dies, that is said of the file.  Where the system
-cannot fork, it is read here.
+for ever.  So a fork of this process reads: it may take `SECONDS` of computing, one more for each
+`BYTES` of the file, and what memory there is; it hands back arrays through a file, and if it dies,
+that is said of the file.  Where the system cannot fork, it is read here.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from harness.exchange.foreign import Foreign
 from harness.machine.memory import available_memory
 from harness.processes.own_process import begin, cause_of_death
 
-SECONDS = 60
+SECONDS, BYTES = 6, 1_000_000
 Arrays = Mapping[str, np.ndarray]
 
 
@@ -68,7 +68,8 @@ def _work(extract: Callable[[BinaryIO], Arrays], file: BinaryIO, out: Path) -> N
     try:
         begin(out.parent)
         faulthandler.disable()  # a crash is told of by the parent
-        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
+        seconds = SECONDS + os.fstat(file.fileno()).st_size // BYTES
+        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
         room = resource.getrlimit(resource.RLIMIT_AS)[1]
         ours = int(available_memory()) + (1 << 32)  # what is mapped already is counted, too
         if room == resource.RLIM_INFINITY or ours < room:

@@ -48,7 +48,7 @@ class StudyPlan:
     """What a study does.
 
     scenes : labels, such as "fig4" or "fig4,mu_I=0.8"
-    until : end of the motions [s]; None: each scene's own
+    until : where motions are cut off that would last longer [s]; None: nowhere
     solvers : names; empty: every backend that is installed, and the variants of the paper's method
     only_installed : leave out those of `solvers` whose package is absent
     """
@@ -111,14 +111,18 @@ def _count(number: int, what: str) -> str:
 def record_into(
     folder: Path, label: str, *, until: float | None = None, progress: Progress | None = None
 ) -> Recording:
-    """The recording of a scene by our method, from `folder` if it is there and current."""
+    """The recording of a scene by our method, from `folder` if it is there and current.
+
+    until : where its motion is cut off if it would last longer [s]; None: nowhere
+    """
     name, parameters = parse_label(label)
     scene = make_scene(name, **parameters)
+    end = None if until is None else min(until, scene.end_time)
     return recording_in(
         folder,
         scene,
-        how_run(scene, until=until),
-        lambda: record(scene, until=until, progress=progress),
+        how_run(scene, until=end),
+        lambda: record(scene, until=end, progress=progress),
     )
 
 

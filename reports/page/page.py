@@ -60,6 +60,7 @@ from reports.sections.live_profile import live_profile
 from reports.sections.outside import (
     answers_table,
     outside_answer,
+    outside_scenes,
     outside_tables,
     plot_outside,
 )
@@ -457,8 +458,11 @@ def _classes(table: Table, column: dict[str, Any], index: int, text: str) -> str
 
 def lead(results: Results) -> str:
     """What was done, in one sentence of counts."""
-    count = len(results.scenes)
-    said = f"{count} scene{'s' * (count != 1)} ({join(results.scenes, 10)})"
+    apart = outside_scenes(results)
+    scenes = [scene for scene in results.scenes if scene not in apart] or results.scenes
+    said = f"{len(scenes)} scene{'s' * (len(scenes) != 1)} ({join(scenes, 10)})"
+    if 0 < len(apart) < len(results.scenes):
+        said += f" and {len(apart)} recordings from outside"
     if results.recordings:
         known = [results.recordings[name] for name in results.scenes if name in results.recordings]
         qps = sum(len(recording.qps) for recording in known)

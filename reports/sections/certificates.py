@@ -31,7 +31,11 @@ TICKS = (1, 2, 5, 10, 20, 50, 100)
 """Where no bound is larger; else decades."""
 LINES = (BLUE, ORANGE, GREEN, PURPLE, INK)
 STYLES = ("-", "--", ":")
-"""Of recordings beyond the first five, whose colours are used again."""
+"""Of scenes beyond the first five, whose colours are used again."""
+MADE_OF = r",(?:disturbed|condition)=.*"
+"""What the name of a recording says of how it was made of another; both are drawn as one."""
+NAMES, NAME = 2, 0.19
+"""Scenes beside each other in the legend, and the height of one [in]."""
 
 
 def certificates_of(results: Results, progress: Progress | None = None) -> pd.DataFrame:
@@ -158,14 +162,16 @@ def certificates_answer(results: Results, found: pd.DataFrame) -> Answer | None:
 
 
 def plot_certificates(found: pd.DataFrame, path: str | Path) -> Path:
-    """Left: bound over error by decades of the error.  Right: its distribution per scene.
+    """Left: bound over error by decades of the error.  Right: its distribution, by scene.
 
     Raises ValueError where nothing was found.
     """
     if found.empty:
         raise ValueError("no recording with proved references is stored")
+    found = found.assign(scene=found["scene"].str.replace(MADE_OF, "", regex=True))
+    below = -(-found["scene"].nunique() // NAMES)
     with drawing() as Figure:
-        figure = Figure(figsize=(PAGE_WIDTH, 3.3), layout="constrained")
+        figure = Figure(figsize=(PAGE_WIDTH, 3.3 + NAME * (below - 1)), layout="constrained")
         left, right = figure.subplots(1, 2, sharey=True)
         _by_decades(left, found)
         _by_scenes(right, found)
@@ -195,7 +201,7 @@ def _by_decades(axes: Axes, found: pd.DataFrame) -> None:
         axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
         axes.minorticks_off()
     axes.set_title("By size of the error")
-    _legend_below(axes)
+    _legend_below(axes, 3)
 
 
 def _by_scenes(axes: Axes, found: pd.DataFrame) -> None:
@@ -208,13 +214,13 @@ def _by_scenes(axes: Axes, found: pd.DataFrame) -> None:
         style = STYLES[again % len(STYLES)]
         axes.plot(share, sharp, color=LINES[colour], linestyle=style, linewidth=1.4, label=scene)
     axes.set_xlabel("share of the answers")
-    axes.set_title("By recording")
-    _legend_below(axes)
+    axes.set_title("By scene")
+    _legend_below(axes, NAMES)
 
 
-def _legend_below(axes: Axes) -> None:
+def _legend_below(axes: Axes, columns: int) -> None:
     """Below the axis, where it hides no line."""
     axes.legend(
-        loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=3, columnspacing=1.0,
+        loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=columns, columnspacing=1.0,
         handlelength=1.4,
     )  # fmt: skip

@@ -57,6 +57,9 @@ PANELS = 5
 LINE = 0.2
 """Height of one backend's line [in]."""
 
+TITLE, LETTER = 8.5, 0.72
+"""Size of a panel's title [pt], and the width of its letters at most, of their size."""
+
 ARM_COLOURS = {"cold": COLD, "warm": WARM}
 ARM_MARKERS = {"cold": "o", "warm": "D"}
 
@@ -87,7 +90,7 @@ def plot_accuracy(results: Results, setting: str, path: str | Path) -> Path:
         axes.set_xlim(floor, top)
 
     return _panels(
-        results.scenes,
+        [scene for scene in results.scenes if (rows["scene"] == scene).any()],
         solvers,
         draw,
         Path(path),
@@ -149,7 +152,7 @@ def plot_cost(results: Results, setting: str, path: str | Path) -> Path:
         axes.set_xlim(0.7e6 * everything.min(), 1.4e6 * everything.max())
 
     return _panels(
-        results.scenes,
+        [scene for scene in results.scenes if any(len(tables[scene, arm]) for arm in ARMS)],
         solvers,
         draw,
         Path(path),
@@ -209,7 +212,8 @@ def _panels(
             draw(axes, scene)
             _decades(axes)
             axes.grid(axis="x")
-            axes.set_title(scene, size=8.5)
+            fits = 72 * (width + gap) / (LETTER * len(scene))
+            axes.set_title(scene, size=min(TITLE, fits))
             axes.spines["left"].set_visible(False)
             axes.tick_params(axis="y", length=0)
             axes.set_yticks(range(len(solvers)), solvers if column == 0 else [])

@@ -17,6 +17,7 @@ import pandas as pd
 from harness.judging.recorded_answers import SETTING, recorded_answers
 from harness.names import is_own
 from problems.scenes.labels import PAPER_SCENES
+from problems.scenes.registry import scene_kinds
 from reports.parts.names import solver_order
 from reports.parts.sentences import Answer, join
 from reports.parts.style import BLUE, FAINT, INK, ORANGE, PAGE_WIDTH, SOFT, drawing, save
@@ -25,7 +26,7 @@ from reports.rows.comparison import compare
 from reports.rows.results import ARMS, Results
 
 SOURCES = {"mujoco": "MuJoCo", "import": "imported"}
-FAMILY = "family"
+UNKNOWN = "unknown"
 SEEN = (
     *("LIPMWALK", "HS35", "LISWET", "POWELL20", "BoxesStack", "Confeti", "Rover", "fclib_local"),
     *("fc2d_granularflowonwall", "Spheres", "2cubes"),
@@ -35,19 +36,21 @@ CLOCKS = {"solve_time": "solve", "runtime": "set-up and solve", "call_time": "wh
 
 
 def source_of(results: Results, scene: str) -> str | None:
-    """Where a recording is from; None for the paper's scenes."""
-    if scene.partition(",")[0] in PAPER_SCENES:
+    """Where a recording is from, or the kind of its scene; None for the paper's scenes."""
+    name = scene.partition(",")[0]
+    if name in PAPER_SCENES:
         return None
     recording = results.recordings.get(scene)
     source = "" if recording is None else str(recording.parameters.get("source", ""))
-    return SOURCES.get(source, FAMILY)
+    kinds = (kind for kind, names in scene_kinds().items() if name in names)
+    return SOURCES.get(source) or next(kinds, UNKNOWN)
 
 
 def outside_scenes(results: Results) -> dict[str, str]:
-    """Recording → source, of those from outside, by source."""
+    """Recording → source, of those that are not the paper's scenes, by source."""
     known = {scene: source_of(results, scene) for scene in results.scenes}
     found = {scene: source for scene, source in known.items() if source is not None}
-    order = [*SOURCES.values(), FAMILY]
+    order = [*SOURCES.values(), *scene_kinds(), UNKNOWN]
     return dict(sorted(found.items(), key=lambda item: (order.index(item[1]), item[0])))
 
 
@@ -170,7 +173,11 @@ def answers_table(results: Results) -> Table | None:
     out = []
     for scene, source in outside_scenes(results).items():
         recording = results.recordings.get(scene)
-        found = None if recording is None or source == FAMILY else recorded_answers(recording)
+        found = (
+            None
+            if recording is None or source not in SOURCES.values()
+            else recorded_answers(recording)
+        )
         if found is not None:
             verified = found.verdicts.get("verified", 0) / found.answers
             out.append(

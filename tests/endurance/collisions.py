@@ -45,6 +45,7 @@ from problems.bodies.bodies import box
 from problems.contacts.assembly import Assembly
 from problems.contacts.geometry import HalfPlane
 from problems.friction.impulses import solve_impulse
+from problems.scenes.calm import calm_scene
 from problems.sequence import QPSequence, SimulationError
 from problems.stepping.options import StepperOptions
 from problems.stepping.stepper import Stepper
@@ -105,7 +106,7 @@ def collision(seed: int) -> Collision:
 @cache
 def fallen(bodies: int, seed: int) -> Scene:
     """Polygons that have come down on each other."""
-    heap = replace(scene("heap", bodies=bodies, seed=seed), mu_I=0.0)
+    heap = replace(calm_scene("heap", bodies=bodies, seed=seed), mu_I=0.0)
     run = simulate(heap, make_solver("glambda"), until=0.3, keep_qps=False)
     return replace(heap, q0=run.q[-1], v0=np.zeros_like(run.v[-1]))
 

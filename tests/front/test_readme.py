@@ -39,8 +39,9 @@ SHORT = {
     "glambda record mujoco:arm mujoco:walker -o recordings": "+ --until 0.1",
     "glambda simulate fig4 --plot fig4.png --animate fig4.gif": "+ --until 0.4",
     "glambda record fig4 fig5 -o recordings": "+ --until 0.1",
-    "glambda record wall,bodies=1000,mu=0.3 --fixed-step 0.005 --stops held": "glambda record "
-    "wall,bodies=8,mu=0.3 --fixed-step 0.005 --stops held --until 0.01",
+    "glambda record wall,bodies=1000,speed=0.1,mu=0.3 --until 0.3 --fixed-step 0.005 "
+    "--stops held": "glambda record wall,bodies=8,speed=0.1,mu=0.3 --fixed-step 0.005 "
+    "--stops held --until 0.01",
     "glambda replay recordings/*.h5 --solvers glambda,daqp,proxqp --settings paper,high "
     "-o results": "glambda replay recordings/fig4*.h5 recordings/mine.h5 "
     "--solvers glambda,daqp,proxqp --settings paper,high -o results --repeats 1",

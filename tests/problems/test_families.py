@@ -6,6 +6,7 @@ import pytest
 from problems import describe_scene, scene, scene_names, simulate
 from problems.bodies.bodies import box, polygon_body
 from problems.contacts.geometry import Geometry
+from problems.scenes.calm import calm_scene
 from problems.scenes.deposition import TRIALS, heap_positions
 from problems.scenes.registry import FAMILIES, PAPER
 from problems.stepping.events import TOUCH_TOL
@@ -123,7 +124,7 @@ def test_flush_sides_touch_and_carry_nothing_at_rest():
 
 @pytest.mark.parametrize("name", PILES)
 def test_without_friction_a_pile_slides_on_and_does_not_fall(name):
-    made = scene(name, bodies=11)
+    made = calm_scene(name, bodies=11)
     run = simulate(made, make_solver("glambda"))
     assert run.t[-1] == pytest.approx(made.end_time)
     assert run.event_log == []
@@ -135,9 +136,27 @@ def test_without_friction_a_pile_slides_on_and_does_not_fall(name):
 
 @pytest.mark.parametrize("name", PILES)
 def test_with_friction_a_pile_comes_to_rest(name):
-    run = simulate(scene(name, bodies=6, mu=0.4), make_solver("glambda"), until=0.1)
+    run = simulate(calm_scene(name, bodies=6, mu=0.4), make_solver("glambda"), until=0.1)
     assert np.abs(run.v[-1]).max() < 1e-4
     assert np.abs(run.q[-1] - run.q[0]).max() < 1e-3
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_by_default_it_collapses(name):
+    made = scene(name)
+    run = simulate(made, make_solver("glambda"), keep_qps=False)
+    assert run.t[-1] == pytest.approx(made.end_time)
+    fallen = run.q[0, :, 1] - run.q[-1, :, 1]
+    assert fallen.max() > 1.0
+    assert np.abs(run.q[-1, :, 2] - run.q[0, :, 2]).max() > 0.5
+    energy = run.kinetic_energy() + run.potential_energy()
+    assert energy[-1] < 0.95 * energy[0]
+
+
+def test_a_calm_scene_is_what_its_parameters_say():
+    assert calm_scene("heap").label == "heap,room=0.0,end_time=0.2"
+    assert calm_scene("tower", speed=0.5, end_time=1.0).label == "tower,speed=0.5,end_time=1.0"
+    assert calm_scene("fig4").label == "fig4"
 
 
 def test_a_leaning_tower_with_friction_tips_slowly_as_one():

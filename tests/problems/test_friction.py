@@ -10,6 +10,7 @@ from problems.contacts.assembly import Assembly
 from problems.friction.kernels import force_change
 from problems.friction.newton import newton_multipliers
 from problems.scenes import Scene
+from problems.scenes.calm import calm_scene
 from problems.stepping.driver import Driver
 from problems.stepping.stepper import Stepper, StepperOptions
 from solvers import make_solver
@@ -178,7 +179,7 @@ def test_a_step_is_not_cut_where_stops_are_held():
 @pytest.mark.parametrize("family", ["wall", "pyramid"])
 def test_courses_that_slide_to_and_fro_stop_in_a_few_steps_where_stops_are_held(family):
     """With located events every brick is an event of its own."""
-    run = run_of(scene(family, bodies=30, mu=0.3), fixed_step=1e-3, stops="held", until=0.02)
+    run = run_of(calm_scene(family, bodies=30, mu=0.3), fixed_step=1e-3, stops="held", until=0.02)
     np.testing.assert_allclose(np.diff(run.t), 1e-3)
     assert run.counts["rejected_steps"] < 40
     assert np.abs(run.v[0]).max() > 5e-3
@@ -203,7 +204,7 @@ def test_settings_are_checked():
 def test_contacts_jam_where_sliding_forces_feed_back_on_themselves(fixed_step):
     """Courses that slide to and fro, μ = 0.5: with some contacts stuck, the forces of the others
     have no solution, or with short steps and this ε one that is good enough."""
-    run = run_of(scene("tower", bodies=20, mu=0.5), until=5 / 240, fixed_step=fixed_step)
+    run = run_of(calm_scene("tower", bodies=20, mu=0.5), until=5 / 240, fixed_step=fixed_step)
     assert run.counts["rejected_steps"] < 40
     assert np.abs(run.v[-1]).max() < 1e-9
     energy = run.kinetic_energy() + run.potential_energy()
@@ -237,7 +238,7 @@ def test_the_jump_of_a_jam_does_not_depend_on_the_length_of_its_step(monkeypatch
 )
 def test_towers_with_friction_get_on(parameters):
     """They chattered: sliding has no solution again and again, and contacts have to catch."""
-    run = run_of(scene(**parameters))
+    run = run_of(calm_scene(**parameters))
     assert run.t[-1] == pytest.approx(run.scene.end_time)
     assert run.counts["steps"] < 400
     energy = run.kinetic_energy() + run.potential_energy()

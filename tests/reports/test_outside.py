@@ -60,7 +60,7 @@ def test_the_paper_s_scenes_stand_apart(results) -> None:
         ("mujoco_arm", "MuJoCo"),
         ("HS35", "imported"),
         ("mine", "imported"),
-        ("heap,bodies=3", "family"),
+        ("heap,bodies=3", "families"),
     ]
 
 

@@ -46,6 +46,10 @@ EXPECTED_MISSES: dict[tuple[str, str], tuple[float, str]] = {
 }
 """(backend, kind) → the error that is allowed instead, and why."""
 
+GIVEN_UP = 0.25
+"""Share of the QPs of a kind with an expected miss that may end without a claim: where columns are
+dependent λ may run off to 1e7 along their null space, and by rounding some solves end there."""
+
 OURS = ("glambda", "lotstedt", "velocity", "enumeration", "pgs")
 """Backends whose answers are the same bit for bit in one process.  Packages may round by where
 their memory lies: ProxQP does."""
@@ -113,12 +117,17 @@ def test_same_force_as_the_known_solution(name: str, kind: str):
         return
     miss = EXPECTED_MISSES.get((name, kind))
     assert name not in ACCURATE or miss is None
-    for qp, Ax_star in cases(kind, MORE_SEEDS if name in ACCURATE else SEEDS):
+    seeds, given_up = MORE_SEEDS if name in ACCURATE else SEEDS, 0
+    for qp, Ax_star in cases(kind, seeds):
         solution = ask(name, qp).solve(qp)
+        if miss and solution.status is Status.INACCURATE:
+            given_up += 1
+            continue
         assert_same_force(qp, solution.x, Ax_star, miss[0] if miss else tolerance(name))
         if name in ACCURATE:
             assert solution.found, solution.status_text
             assert_kkt(qp, solution.x, tolerance(name))
+    assert given_up <= GIVEN_UP * len(seeds)
 
 
 def check_declined(name: str, kind: str) -> None:

@@ -13,7 +13,8 @@ from harness.judging.facts import ASKED_RELATIVE, facts_of
 from harness.judging.judge import judge
 from harness.names import METHOD
 from harness.study.replay import replay
-from problems import scene, simulate
+from problems import simulate
+from problems.scenes.calm import calm_scene
 from solvers import make_solver
 
 
@@ -23,7 +24,9 @@ def columns_solved(bodies: int, error: float = 0.0) -> float:
 
     error : by which x is then made larger, relative
     """
-    run = simulate(scene("tower", bodies=bodies), make_solver(METHOD), until=STEP, fixed_step=STEP)
+    run = simulate(
+        calm_scene("tower", bodies=bodies), make_solver(METHOD), until=STEP, fixed_step=STEP
+    )
     qp = run.qps[-1]
     asked = ASKED_RELATIVE["high"] * facts_of(qp).scale
     x = (1.0 + error) * np.asarray(make_solver(METHOD, accuracy=asked).solve(qp).x)

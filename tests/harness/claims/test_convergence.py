@@ -40,7 +40,7 @@ RULES = (
     Rule("baumgarte", 1.0),
     Rule("projection"),
 )
-LABEL = "tower,bodies=3,lean=0.1"
+LABEL = "tower,bodies=3,lean=0.1,speed=0.01"
 
 
 def converged(label: str, folder: Path) -> Converged:

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from glambda.cli import app
 from harness.study.plan_file import LONGEST, read_plan
-from harness.study.study import QUICK, StudyPlan, estimate
+from harness.study.study import QUICK, StudyPlan, estimate, record_into
 from problems.scenes.registry import scene_kinds
 
 ROOT = Path(__file__).parents[3]
@@ -98,6 +98,19 @@ def test_a_study_follows_its_plan_and_keeps_it(plan: Path, tmp_path: Path) -> No
     assert shards == {"fig5__glambda__high__cold", "fig5__daqp__high__cold"}
     absent = CliRunner().invoke(app, ["study", str(tmp_path / "no.toml")])
     assert absent.exit_code == 2 and "no.toml" in absent.output
+
+
+def test_the_plan_of_everything_takes_every_scene_through_every_backend() -> None:
+    made, _ = read_plan(ROOT / "docs/how_to/everything.toml", StudyPlan())
+    assert made.scenes == tuple(name for names in scene_kinds().values() for name in names)
+    assert made.named_solvers() == StudyPlan().named_solvers()
+
+
+def test_motions_are_cut_off_but_not_drawn_out(tmp_path: Path) -> None:
+    ends = [
+        record_into(tmp_path, f"motor,end_time={end}", until=0.02).t[-1] for end in (0.01, 0.03)
+    ]
+    assert ends == pytest.approx([0.01, 0.02])
 
 
 def test_an_estimate_grows_with_the_plan() -> None:
