@@ -210,7 +210,7 @@ def replay_table(rows: pd.DataFrame) -> Table:
             )
         )
     columns = (
-        *("solver", "setting", ">solved", ">skipped", ">verified", ">undecided", ">max error"),
+        *("solver", "setting", ">QPs", ">skipped", ">verified", ">undecided", ">max error"),
         *(f">µs {arm}" for arm in arms),
     )
     return terminal_table(title, columns, lines)

@@ -7,6 +7,9 @@ METHOD = "glambda"
 PAPER = "lotstedt"
 """The paper's method; its variants are called `lotstedt[variant]`."""
 
+NOT_KNOWN = "not known"
+"""Version of a solver that cannot be imported."""
+
 
 def is_own(name: str) -> bool:
     """Whether `name` is our method, the paper's or a variant: those whose work is counted."""

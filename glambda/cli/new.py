@@ -35,7 +35,9 @@ def new(
         place.parent.mkdir(parents=True, exist_ok=True)
         place.write_text(text, encoding="utf-8")
     console = terminal()
-    console.print(f"{folder}/{name}.py has a {kind} that works; make it yours, then", markup=False)
+    console.print(
+        f"{folder}/src/{name}.py has a {kind} that works; make it yours, then", markup=False
+    )
     console.print(f"  pip install -e {folder}\n  glambda check {kind} {name}", markup=False)
 
 
@@ -53,7 +55,7 @@ def package(kind: str, name: str) -> dict[str, str]:
     make = jinja2.Environment(loader=loader, keep_trailing_newline=True)
     files = {
         "pyproject.toml": "pyproject.toml.jinja",
-        f"{name}.py": f"{kind}/module.py.jinja",
+        f"src/{name}.py": f"{kind}/module.py.jinja",
         f"tests/test_{name}.py": f"{kind}/test.py.jinja",
     }
     words = {"kind": kind, "name": name, "target": target}

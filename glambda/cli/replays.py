@@ -38,7 +38,8 @@ def replay(
     arms: Annotated[
         str,
         typer.Option(
-            help="of cold, warm, exact, extrapolated, stale5, stale20, corrupted, bare, shuffled"
+            help="of cold, kept, warm, exact, extrapolated, stale5, stale20, corrupted, bare, "
+            "shuffled"
         ),
     ] = "cold,warm",
     repeats: Annotated[int, typer.Option(min=1, help="timed passes of each run")] = 3,
@@ -46,6 +47,10 @@ def replay(
     memory_limit: Annotated[
         float, typer.Option(help="[GiB] per backend; beyond, it has crashed")
     ] = 4.0,
+    again: Annotated[
+        str,
+        typer.Option(help="of --solvers, those to begin anew, such as one of yours that changed"),
+    ] = "",
     qp: Annotated[
         int | None, typer.Option(help="solve and show this one QP; nothing is stored")
     ] = None,
@@ -94,6 +99,7 @@ def replay(
             repeats=repeats,
             time_limit=time_limit,
             memory_limit=memory_limit,
+            again=split_names(again, names) if again else (),
             progress=tell,
         )
     terminal().print(replay_table(rows))

@@ -67,10 +67,19 @@ def commit() -> str:
 
 def version_of(cls: type[Solver]) -> str:
     """Version of a solver: its package's, and a hash of the source around it."""
-    package = cls.package or "glambda"
+    package = cls.package or _distribution(cls)
     own = [Path(str(sys.modules[cls.__module__].__file__))]
     hashed = source_hash(sources(own, ["solvers"]))
     return f"{package} {metadata.version(package)} (source {hashed})"
+
+
+def _distribution(cls: type[Solver]) -> str:
+    """Whose entry point a solver is; it is ours where it has none."""
+    target = f"{cls.__module__}:{cls.__qualname__}"
+    for entry in metadata.entry_points(group="glambda.solvers"):
+        if entry.value == target and entry.dist is not None:
+            return entry.dist.name
+    return "glambda"
 
 
 @cache

@@ -14,6 +14,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from harness.machine.machine import version_of
+from harness.names import NOT_KNOWN
 from harness.passes.starts import EVERY_ARM, has_arm
 from harness.processes.process import Process, ServerLost
 from solvers.registry import (
@@ -45,7 +46,7 @@ class About(NamedTuple):
     """
 
     info: SolverInfo
-    version: str = "not known"
+    version: str = NOT_KNOWN
     arms: tuple[str, ...] = ()
     forms: tuple[str, ...] = ()
     raises: str = ""

@@ -179,6 +179,16 @@ class Store:
         same = replace(stored.key, machine=key.machine) == key
         return _final(_shard_of(stored)) if same else None
 
+    def forget(self, solver: str, versions: str | None = None) -> None:
+        """Remove what is stored of a solver; only what says these versions, if they are given."""
+        for path in sorted((self.folder / "solves").glob("*.parquet")):
+            if f"__{solver}__" not in path.name:
+                continue
+            key = read_shard(path).key
+            if key.solver == solver and versions in (None, key.versions):
+                with self._written(path):
+                    path.unlink()
+
     def refuse_mixture(self, keys: Iterable[ShardKey]) -> None:
         """Raise StoreError where shards of these keys may not stand beside those that are there."""
         seen: Seen = {}

@@ -32,6 +32,7 @@ from harness.judging.facts import Facts, facts_of, setting_name, setting_names
 from harness.judging.judge import Judgement, judge
 from harness.machine.calibration import calibrate
 from harness.machine.machine import machine_label
+from harness.names import NOT_KNOWN
 from harness.passes.clocks import Asking, counted
 from harness.passes.limits import MEMORY_LIMIT, TIME_LIMIT, Limits, Pass, Task, hard_limit
 from harness.passes.measure import SEEN
@@ -102,6 +103,7 @@ def replay(
     time_limit: float = TIME_LIMIT,
     memory_limit: float = MEMORY_LIMIT,
     slow_pass: float = SLOW_PASS,
+    again: Sequence[str] = (),
     study: str = "",
     isolate: bool = True,
     timed: bool = True,
@@ -117,6 +119,7 @@ def replay(
     repeats : timed passes of each run;  time_limit : [s] per solve
     memory_limit : [GiB] that a solver may take
     slow_pass : [s] a run whose pass takes longer is not repeated
+    again : of `solvers`, those of whom nothing that is stored counts any more
     isolate : whether each run has a process of its own, if the system can fork; without, there is
         no hard limit of time nor of memory, and a crash is the end
     timed : False for accuracy alone: without warm-up, and times compare with nothing
@@ -150,12 +153,21 @@ def replay(
                 time_limit=time_limit,
                 memory_limit=memory_limit,
                 slow_pass=slow_pass,
+                again=again,
                 study=study,
                 isolate=isolate,
                 timed=timed,
                 progress=progress,
             )
+    strangers = sorted(set(again) - set(solvers))
+    if strangers:
+        raise ValueError(f"again: {', '.join(strangers)} is not among the solvers that are asked")
     store = Store(results)
+    for name in solvers:
+        if name in again:
+            store.forget(name)
+        elif not about(name).broken:
+            store.forget(name, NOT_KNOWN)  # it could not be imported then
     limits = Limits(time_limit, memory_limit)
     blocks = [
         (recording, setting, _runs(store, recording, solvers, setting, arms, limits))

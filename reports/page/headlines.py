@@ -73,7 +73,8 @@ def _ranked(name: str, title: str, data: pd.DataFrame, results: Results) -> Tabl
         title=title,
         reading=(
             f"Setting {results.headline}, {sequence_arm(results)} where it can be.  By wrong "
-            "answers, unsolved QPs, then time from ready arrays.  Times are µs per QP, shifted "
+            "answers, unsolved QPs, then time from ready arrays; packages stand above ours, "
+            "whatever their rank.  Times are µs per QP, shifted "
             "geometric means by three clocks; a dash: no clock of its own."
         ),
         data=data.reset_index(drop=True),

@@ -466,7 +466,9 @@ def lead(results: Results) -> str:
     if results.recordings:
         known = [results.recordings[name] for name in results.scenes if name in results.recordings]
         qps = sum(len(recording.qps) for recording in known)
-        said += f", simulated and recorded: {qps:,} quadratic programs"
+        imported = all(recording.parameters.get("source") == "import" for recording in known)
+        said += f", {'imported' if imported else 'simulated and recorded'}: "
+        said += f"{qps:,} quadratic programs"
     rows = results.rows
     if len(rows):
         said += (

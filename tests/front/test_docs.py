@@ -83,7 +83,7 @@ def test_files_that_are_named_are_there(page: str) -> None:
 )
 def test_pages_show_the_plug_in_that_is_begun(page: Path, kind: str, name: str) -> None:
     files = package(kind, name)
-    assert blocks(page, "python")[0] in files[f"{name}.py"]
+    assert blocks(page, "python")[0] in files[f"src/{name}.py"]
     (shown,) = blocks(page, "toml")
     declared = tomllib.loads(files["pyproject.toml"])["project"]["entry-points"]
     assert tomllib.loads(shown)["project"]["entry-points"] == declared
@@ -91,7 +91,8 @@ def test_pages_show_the_plug_in_that_is_begun(page: Path, kind: str, name: str) 
 
 @pytest.fixture
 def importable(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    monkeypatch.syspath_prepend(str(folder / "mine"))
+    for place in (folder / "mine/src", folder):  # a folder `mine` that is no package comes first
+        monkeypatch.syspath_prepend(str(place))
     yield folder
     sys.modules.pop("mine", None)
 
