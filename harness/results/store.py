@@ -25,7 +25,7 @@ import os
 import sys
 import tempfile
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -39,6 +39,7 @@ from harness.files.folder_lock import lock_folder
 from harness.files.json_file import read_json, sealed_json
 from harness.files.plain_files import Unreadable
 from harness.files.whole_files import clear_leftovers, write_whole
+from harness.names import NOT_KNOWN
 from harness.passes.limits import TIME_LIMIT
 from harness.passes.outcome import DISTURBED
 from harness.recordings.recording import Recording, RecordingError, read_recording, write_recording
@@ -129,7 +130,8 @@ class Store:
         return path
 
     def load(self, key: ShardKey) -> Shard | None:
-        """The shard of this key as far as it was finished, or None; also where it was disturbed.
+        """The shard of this key as far as it was finished, or None; also where it was disturbed, or
+        where the solver could not be imported then.
 
         Raises StoreError if there is one of the same name that was made from or by something else.
         """
@@ -137,6 +139,8 @@ class Store:
         if not path.exists():
             return None
         stored = read_shard(path)
+        if stored.key.versions == NOT_KNOWN != key.versions:
+            return None
         refuse_other(path, asdict(stored.key), asdict(key))
         return _final(_shard_of(stored))
 
@@ -179,23 +183,24 @@ class Store:
         same = replace(stored.key, machine=key.machine) == key
         return _final(_shard_of(stored)) if same else None
 
-    def forget(self, solver: str, versions: str | None = None) -> None:
-        """Remove what is stored of a solver; only what says these versions, if they are given."""
-        for path in sorted((self.folder / "solves").glob("*.parquet")):
-            if f"__{solver}__" not in path.name:
-                continue
-            key = read_shard(path).key
-            if key.solver == solver and versions in (None, key.versions):
-                with self._written(path):
-                    path.unlink()
+    def refuse_mixture(self, keys: Iterable[ShardKey], again: Collection[str] = ()) -> None:
+        """Raise StoreError where shards of these keys may not stand beside those that are there.
 
-    def refuse_mixture(self, keys: Iterable[ShardKey]) -> None:
-        """Raise StoreError where shards of these keys may not stand beside those that are there."""
+        again : solvers whose shards are to be made anew; once nothing is refused, they are removed
+        """
         seen: Seen = {}
-        for _ in read_shards(self.folder, seen):
-            pass
+        removed = []
+        for path in sorted((self.folder / "solves").glob("*.parquet")):
+            key = read_shard(path).key
+            if key.solver in again:
+                removed.append(path)
+            else:
+                _agree(seen, key, path, "made")
         for key in keys:
             _agree(seen, key, self._path(key), "to be made")
+        for path in removed:
+            with self._written(path):
+                path.unlink()
 
     def write_study(self, description: Mapping[str, Any]) -> None:
         """Write study.json: machine, versions, commit, day, arguments."""
@@ -345,9 +350,14 @@ def read_shards(folder: Path, seen: Seen | None = None) -> Iterator[StoredShard]
 
 
 def _agree(seen: Seen, key: ShardKey, path: Path, made: str) -> None:
-    """Raise StoreError where a key differs from those `seen` in what must be the same (`AGREE`)."""
+    """Raise StoreError where a key differs from those `seen` in what must be the same (`AGREE`).
+
+    Who cannot be imported has no version.
+    """
     for name, shared in AGREE.items():
         value = getattr(key, name)
+        if value == NOT_KNOWN:
+            continue
         which = (name, *(str(getattr(key, other)) for other in shared))
         first, where = seen.setdefault(which, (value, path.name))
         if first != value:

@@ -32,7 +32,6 @@ from harness.judging.facts import Facts, facts_of, setting_name, setting_names
 from harness.judging.judge import Judgement, judge
 from harness.machine.calibration import calibrate
 from harness.machine.machine import machine_label
-from harness.names import NOT_KNOWN
 from harness.passes.clocks import Asking, counted
 from harness.passes.limits import MEMORY_LIMIT, TIME_LIMIT, Limits, Pass, Task, hard_limit
 from harness.passes.measure import SEEN
@@ -163,18 +162,13 @@ def replay(
     if strangers:
         raise ValueError(f"again: {', '.join(strangers)} is not among the solvers that are asked")
     store = Store(results)
-    for name in solvers:
-        if name in again:
-            store.forget(name)
-        elif not about(name).broken:
-            store.forget(name, NOT_KNOWN)  # it could not be imported then
     limits = Limits(time_limit, memory_limit)
     blocks = [
-        (recording, setting, _runs(store, recording, solvers, setting, arms, limits))
+        (recording, setting, _runs(store, recording, solvers, setting, arms, limits, again))
         for recording in loaded
         for setting in settings
     ]
-    store.refuse_mixture(run.key for _, _, runs in blocks for run in runs)
+    store.refuse_mixture((run.key for _, _, runs in blocks for run in runs), again)
     total = sum(len(recording.qps) * len(runs) * repeats for recording, _, runs in blocks)
     counter = _Counter(total, progress)
     facts: dict[str, list[Facts]] = {}
@@ -378,6 +372,7 @@ def _runs(
     setting: str,
     arms: Sequence[str],
     limits: Limits,
+    again: Sequence[str],
 ) -> list[StoredRun]:
     """The runs of one recording at one setting, with what the store has of them."""
     runs = []
@@ -399,7 +394,8 @@ def _runs(
                 memory_limit=limits.memory,
             )
             task = Task(name, tuple(options.items()), arm)
-            runs.append(StoredRun(key, task, known, store.load(key)))
+            stored = None if name in again else store.load(key)
+            runs.append(StoredRun(key, task, known, stored))
     return runs
 
 

@@ -236,6 +236,25 @@ def test_a_finished_study_is_not_run_again(tmp_path: Path, monkeypatch: pytest.M
     assert first.equals(again)
 
 
+def test_of_a_solver_that_changed_rows_are_begun_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made, asked = fake_recording(), ["right", "liar"]
+    replay(made, asked, results=tmp_path, repeats=1)
+    passes: list[str] = []
+    do_pass = Block.do_pass
+
+    def seen(self: Block, task: Any, *rest: Any) -> Any:
+        passes.append(task.solver)
+        return do_pass(self, task, *rest)
+
+    monkeypatch.setattr(Block, "do_pass", seen)
+    rows = replay(made, asked, results=tmp_path, repeats=1, again=["liar"])
+    assert set(passes) - {"nobody"} == {"liar"} and set(rows["solver"]) == set(asked)
+    with pytest.raises(ValueError, match="again: osqp is not among"):
+        replay(made, asked, results=tmp_path, repeats=1, again=["osqp"])
+
+
 def test_an_interrupted_study_continues(tmp_path: Path, isolate: bool) -> None:
     made = fake_recording()
 

@@ -21,6 +21,7 @@ import pytest
 from harness.files import whole_files
 from harness.files.folder_lock import ForeignLock, Locked
 from harness.files.json_file import sealed_json
+from harness.names import NOT_KNOWN
 from harness.recordings.recording import write_recording
 from harness.results.shard_file import summarise
 from harness.results.store import (
@@ -164,6 +165,28 @@ def test_a_mixture_is_refused_before_it_is_made(tmp_path: Path) -> None:
         StoreError, match=r"osqp.*: to be made with time_limit 2\.0, but fake__daqp"
     ):
         store.refuse_mixture([replace(KEY, solver="osqp", time_limit=2.0)])
+
+
+def test_what_is_made_again_goes_once_nothing_is_refused(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    store.save(shard())
+    store.save(shard(replace(KEY, solver="osqp")))
+    newer = replace(KEY, versions="daqp 2.0")
+    with pytest.raises(StoreError, match="to be made with time_limit"):
+        store.refuse_mixture([replace(newer, time_limit=2.0)], ["daqp"])
+    assert len(read_results(tmp_path)["solver"].unique()) == 2
+    store.refuse_mixture([newer], ["daqp"])
+    assert list(read_results(tmp_path)["solver"].unique()) == ["osqp"]
+
+
+def test_who_could_not_be_imported_is_tried_again(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    store.save(shard(replace(KEY, versions=NOT_KNOWN)))
+    store.refuse_mixture([KEY])
+    assert store.load(KEY) is None
+    store.save(shard())
+    store.save(shard(replace(KEY, arm="warm", versions=NOT_KNOWN)))
+    assert set(read_results(tmp_path)["versions"]) == {KEY.versions, NOT_KNOWN}
 
 
 def test_machines_may_mix_when_read(tmp_path: Path) -> None:
