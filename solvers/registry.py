@@ -124,19 +124,30 @@ def make_solver(name: str, **options: Any) -> Solver:
     return cls(**options)
 
 
+def distribution_of(cls: type[Solver]) -> str:
+    """Who does the work: the package that a solver names, or the one whose entry point it is."""
+    if cls.package:
+        return cls.package
+    target = f"{cls.__module__}:{cls.__qualname__}"
+    for entry in metadata.entry_points(group="glambda.solvers"):
+        if entry.value == target and entry.dist is not None:
+            return entry.dist.name
+    return "glambda"
+
+
 def describe(name: str) -> SolverInfo:
     """What `glambda solvers` says about one solver; an absent package is reported, not raised."""
     try:
         cls = solver_class(name)
     except ImportError as error:
         return SolverInfo(name, False, str(error))
-    version = metadata.version(cls.package) if cls.package else metadata.version("glambda")
+    package = distribution_of(cls)
     return SolverInfo(
         name=name,
         available=True,
         reason="",
-        package=cls.package or "glambda",
-        version=version,
+        package=package,
+        version=metadata.version(package),
         form=cls.form,
         warm_start=cls.warm_start,
         regularisation=cls.regularisation,

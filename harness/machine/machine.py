@@ -19,6 +19,7 @@ from pathlib import Path
 from harness.machine.threads import threads_asked_for
 from problems.kernels.sources import sources
 from solvers.base import Solver
+from solvers.registry import distribution_of
 
 LIBRARIES = ("glambda", "numpy", "scipy", "h5py", "pandas", "pyarrow")
 
@@ -67,19 +68,10 @@ def commit() -> str:
 
 def version_of(cls: type[Solver]) -> str:
     """Version of a solver: its package's, and a hash of the source around it."""
-    package = cls.package or _distribution(cls)
+    package = distribution_of(cls)
     own = [Path(str(sys.modules[cls.__module__].__file__))]
     hashed = source_hash(sources(own, ["solvers"]))
     return f"{package} {metadata.version(package)} (source {hashed})"
-
-
-def _distribution(cls: type[Solver]) -> str:
-    """Whose entry point a solver is; it is ours where it has none."""
-    target = f"{cls.__module__}:{cls.__qualname__}"
-    for entry in metadata.entry_points(group="glambda.solvers"):
-        if entry.value == target and entry.dist is not None:
-            return entry.dist.name
-    return "glambda"
 
 
 @cache

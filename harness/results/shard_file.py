@@ -123,6 +123,7 @@ def refuse_other(path: Path, made: Mapping[str, Any], asked: Mapping[str, Any]) 
             raise StoreError(
                 f"{path}: made with {name} {str(made.get(name))[:100]!r}, now {str(value)!r}; "
                 "results may not be mixed: use another results folder, or delete this file"
+                + (", or begin the solver anew by --again" if name == "versions" else "")
             )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import sys
 from contextlib import contextmanager
+from importlib import metadata
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,6 +20,8 @@ from harness.machine.machine import (
 )
 from harness.machine.threads import VARIABLES, ask_for_one_thread, one_thread, threads_asked_for
 from harness.processes.introduction import solver_version
+from solvers import Solver
+from solvers.registry import distribution_of
 
 
 def test_no_host_names_and_no_paths() -> None:
@@ -76,3 +79,17 @@ def test_loaded_libraries_are_limited_where_possible(monkeypatch: pytest.MonkeyP
     with one_thread():
         pass
     assert limits == [1]
+
+
+def test_who_does_the_work_is_named() -> None:
+    class Entry:
+        value, dist = "mine:Mine", SimpleNamespace(name="of_mine")
+
+    def made(name: str, **fields: str) -> type[Solver]:
+        return type(name, (Solver,), {"__module__": "mine", "name": "mine", **fields})
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(metadata, "entry_points", lambda group: [Entry])
+        assert distribution_of(made("Mine")) == "of_mine"
+        assert distribution_of(made("Other")) == "glambda"
+        assert distribution_of(made("Mine", package="numpy")) == "numpy"
