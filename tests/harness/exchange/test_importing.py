@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from scipy.io import loadmat, savemat
 from typer.testing import CliRunner
 
 from glambda.cli import app
@@ -177,7 +178,6 @@ def test_missing_parts_of_qpbenchmark(tmp_path: Path) -> None:
 
 def test_a_diagonal_of_thousands_stays_sparse(tmp_path: Path) -> None:
     n = 6000
-    from scipy.io import savemat
     from scipy.sparse import csc_matrix, diags, eye, vstack
 
     A = vstack([diags([1.0, -1.0], [0, 1], shape=(n - 1, n)), eye(n)])
@@ -340,6 +340,14 @@ def linked(folder: Path) -> Path:
     return path
 
 
+def logical(folder: Path) -> Path:
+    """As a damaged flag makes numbers logical."""
+    said = loadmat(ff.maros(folder / "bad.mat"))
+    said["q"] = said["q"] != 0
+    savemat(folder / "bad.mat", {k: v for k, v in said.items() if not k.startswith("__")})
+    return folder / "bad.mat"
+
+
 P = ff.quadratic()["P"]
 INDEFINITE = P - 0.9 * np.linalg.eigvalsh(P)[1] * np.eye(4)
 FOUR = "4\n1\n0\n4\n4\n4 4\n" + "0 " * 16 + "1 1 1 1 0.5"
@@ -375,6 +383,7 @@ REFUSED = {
     "no group": (local(W=np.zeros(3)), "W: is no group"),
     "no fclib": (empty, "neither fclib_local"),
     "no mat": (text("nothing", "bad.mat"), "cannot be read as MATLAB"),
+    "logical": (logical, "q: holds logical values"),
     "no parquet": (text("nothing", "bad.parquet"), "cannot be read as Parquet"),
     "unknown": (text("", "bad.qps"), "ending: .qps is unknown"),
 }  # fmt: skip
