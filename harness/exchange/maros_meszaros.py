@@ -43,7 +43,7 @@ def _extract(file: BinaryIO) -> dict[str, np.ndarray]:
         if name not in found:
             raise Foreign(f"{name}: is missing; a file of the set has {', '.join(NAMES)}")
         value = found[name]
-        if getattr(value, "dtype", None) == bool:  # by its flag: numbers would become 1
+        if value.dtype.kind == "b":  # by its flag: numbers would become 1
             raise Foreign(f"{name}: holds logical values, and should hold numbers")
         if sp.issparse(value):
             parts = sp.coo_array(value)
