@@ -462,7 +462,7 @@ def lead(results: Results) -> str:
     scenes = [scene for scene in results.scenes if scene not in apart] or results.scenes
     said = f"{len(scenes)} scene{'s' * (len(scenes) != 1)} ({join(scenes, 10)})"
     if 0 < len(apart) < len(results.scenes):
-        said += f" and {len(apart)} recordings from outside"
+        said += f" and {len(apart)} recording{'s' * (len(apart) != 1)} from outside"
     if results.recordings:
         known = [results.recordings[name] for name in results.scenes if name in results.recordings]
         qps = sum(len(recording.qps) for recording in known)

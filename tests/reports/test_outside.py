@@ -102,6 +102,7 @@ def test_the_page_has_the_section(results, tmp_path: Path) -> None:
     rows = results.rows[results.rows["scene"].isin(["fig2", "mine"])]
     page = report(replace(results, rows=rows), tmp_path)
     text = page.read_text()
+    assert "1 scene (fig2) and 3 recordings from outside" in text
     assert 'id="outside"' in text and "Who wins outside?" in text
     assert (tmp_path / "tables" / "outside.csv").is_file()
     assert (tmp_path / "figures" / "outside.png").is_file()
