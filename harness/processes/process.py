@@ -66,6 +66,7 @@ class Server:
         )
         theirs.close()
         self._let_go = weakref.finalize(self, _let_go, self._link, self._process)
+        _alive.add(self)
 
     def close(self) -> None:
         """End it with all that it has forked, and wait for that."""
@@ -122,6 +123,7 @@ class Server:
         return self._codes[pid]
 
 
+_alive: weakref.WeakSet[Server] = weakref.WeakSet()
 _ending: list[subprocess.Popen[bytes]] = []
 """Servers that kill their processes, delete their folder and end, as their link is closed."""
 
@@ -133,6 +135,12 @@ def _let_go(link: socket.socket, process: subprocess.Popen[bytes]) -> None:
 
 
 @atexit.register
+def _close_all() -> None:
+    for each in list(_alive):
+        each.close()
+    _wait_for_the_ending()
+
+
 def _wait_for_the_ending() -> None:
     while _ending:
         process = _ending[-1]
