@@ -13,8 +13,9 @@ iterations end at a step of `eta_prox` / ε, which is a residual of `eta_prox`; 
 `last_step`.  With DAQP's own `eta_prox` A x is 1e-8 off where P is singular; so small a last step
 costs a few per cent more iterations, and gives four more digits.  Where x is large even that is
 below the rounding of P x.  DAQP then goes on until its limit, or takes a step that is rounding
-alone for a direction without a bottom ("unbounded", which no QP here is); so `run` asks once more
-with the last step of that x, and at last with DAQP's own.
+alone for a direction without a bottom ("unbounded", which no QP here is).  Where many contacts tie
+it may come back to a working set and end there ("cycle").  So `run` asks once more with the last
+step of that x, and at last with DAQP's own.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from solvers.adapters.programs import Program, ProgramSolver
 from solvers.base import Start
 
 _ACTIVE, _LOWER, _EQUATION = 1, 2, 5  # bits of DAQP's `sense`
-_STALLED = (-3, -4)  # unbounded, out of iterations
+_STALLED = (-2, -3, -4)  # a cycle, unbounded, out of iterations
 
 
 @dataclass(frozen=True)
