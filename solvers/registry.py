@@ -129,6 +129,8 @@ def distribution_of(cls: type[Solver]) -> str:
     if cls.package:
         return cls.package
     target = f"{cls.__module__}:{cls.__qualname__}"
+    if target in BUILT_IN.values():
+        return "glambda"
     for entry in metadata.entry_points(group="glambda.solvers"):
         if entry.value == target and entry.dist is not None:
             return entry.dist.name

@@ -124,6 +124,7 @@ class Server:
 
 
 _alive: weakref.WeakSet[Server] = weakref.WeakSet()
+"""Closed as the interpreter ends: `weakref.finalize` may come after whoever waits for them."""
 _ending: list[subprocess.Popen[bytes]] = []
 """Servers that kill their processes, delete their folder and end, as their link is closed."""
 

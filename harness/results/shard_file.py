@@ -116,14 +116,19 @@ class StoreError(ValueError):
     """A results folder that cannot be read or may not be added to, with the remedy."""
 
 
-def refuse_other(path: Path, made: Mapping[str, Any], asked: Mapping[str, Any]) -> None:
-    """Raise StoreError where what is at `path` was made from or by something else."""
+def refuse_other(
+    path: Path, made: Mapping[str, Any], asked: Mapping[str, Any], otherwise: str = ""
+) -> None:
+    """Raise StoreError where what is at `path` was made from or by something else.
+
+    otherwise : a further remedy, to be told behind those that always help
+    """
     for name, value in asked.items():
         if made.get(name) != value:
             raise StoreError(
                 f"{path}: made with {name} {str(made.get(name))[:100]!r}, now {str(value)!r}; "
                 "results may not be mixed: use another results folder, or delete this file"
-                + (", or begin the solver anew by --again" if name == "versions" else "")
+                + otherwise
             )
 
 

@@ -92,6 +92,9 @@ AGREE: dict[str, tuple[str, ...]] = {
 }
 """Fields of `ShardKey` that must be the same in all shards that share the fields beside them."""
 
+ANEW = ", or begin the solver anew by `glambda replay --again`"
+"""What else helps where a shard is of another key."""
+
 Seen = dict[tuple[str, ...], tuple[Any, str]]
 """What shards agree on so far, and where it was first."""
 
@@ -141,7 +144,7 @@ class Store:
         stored = read_shard(path)
         if stored.key.versions == NOT_KNOWN != key.versions:
             return None
-        refuse_other(path, asdict(stored.key), asdict(key))
+        refuse_other(path, asdict(stored.key), asdict(key), ANEW)
         return _final(_shard_of(stored))
 
     def save(self, shard: Shard) -> None:
@@ -190,12 +193,11 @@ class Store:
         """
         seen: Seen = {}
         removed = []
-        for path in sorted((self.folder / "solves").glob("*.parquet")):
-            key = read_shard(path).key
-            if key.solver in again:
+        for path, shard in _stored(self.folder):
+            if shard.key.solver in again:
                 removed.append(path)
             else:
-                _agree(seen, key, path, "made")
+                _agree(seen, shard.key, path, "made")
         for key in keys:
             _agree(seen, key, self._path(key), "to be made")
         for path in removed:
@@ -337,16 +339,18 @@ def _is_time(value: Any) -> bool:
     return number and 0 <= value <= sys.float_info.max
 
 
-def read_shards(folder: Path, seen: Seen | None = None) -> Iterator[StoredShard]:
-    """All shards, in order of their names.  Raises StoreError like `read_results`.
-
-    seen : is told what they agree on
-    """
-    seen = {} if seen is None else seen
-    for path in sorted((folder / "solves").glob("*.parquet")):
-        shard = read_shard(path)
+def read_shards(folder: Path) -> Iterator[StoredShard]:
+    """All shards, in order of their names.  Raises StoreError like `read_results`."""
+    seen: Seen = {}
+    for path, shard in _stored(folder):
         _agree(seen, shard.key, path, "made")
         yield shard
+
+
+def _stored(folder: Path) -> Iterator[tuple[Path, StoredShard]]:
+    """All shards with their files, whether they agree or not."""
+    for path in sorted((folder / "solves").glob("*.parquet")):
+        yield path, read_shard(path)
 
 
 def _agree(seen: Seen, key: ShardKey, path: Path, made: str) -> None:

@@ -69,6 +69,8 @@ COLUMNS = (
 
 DISTURBED = ",disturbed="
 """What the label of a recording made by `glambda disturb` contains, before what was done."""
+STRETCHED = ",condition="
+"""The same of one made by `glambda stretch`."""
 KEY = ["solver", "settings", "arm", "problem"]
 
 

@@ -20,7 +20,7 @@ from harness.recordings.recording import PROOFS
 from reports.parts.sentences import Answer
 from reports.parts.style import BLUE, GREEN, INK, ORANGE, PAGE_WIDTH, PURPLE, SOFT, drawing, save
 from reports.parts.table import Table, percent, scientific, short, whole
-from reports.rows.results import Results
+from reports.rows.results import DISTURBED, STRETCHED, Results
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,7 +32,7 @@ TICKS = (1, 2, 5, 10, 20, 50, 100)
 LINES = (BLUE, ORANGE, GREEN, PURPLE, INK)
 STYLES = ("-", "--", ":")
 """Of scenes beyond the first five, whose colours are used again."""
-MADE_OF = r",(?:disturbed|condition)=.*"
+MADE_OF = f"(?:{DISTURBED}|{STRETCHED}).*"
 """What the name of a recording says of how it was made of another; both are drawn as one."""
 NAMES, NAME = 2, 0.19
 """Scenes beside each other in the legend, and the height of one [in]."""
