@@ -17,8 +17,8 @@ from typing import Literal
 import psutil
 
 from harness.machine.calibration import calibrate, clock_facts
-from harness.machine.disturbance import ROOT
 from harness.machine.threads import VARIABLES, threads_asked_for
+from harness.machine.unrest import ROOT
 from solvers.registry import describe, solver_names
 
 Level = Literal["good", "wrong", "unknown"]

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
+from harness.machine.unrest import Unrest
 from harness.passes.outcome import DISTURBED, Outcome
 
 TIME_LIMIT, MEMORY_LIMIT = 1.0, 4.0
@@ -56,11 +57,13 @@ class Pass(NamedTuple):
     times : (n, 8) [s] build, setup, solve, call and inside as told (`wire.TOLD`), and what is seen
         from outside (`measure.SEEN`); NaN where unknown
     lost : the QPs that have cost a process
+    unrest : what else the machine was doing
     """
 
     outcomes: Sequence[Outcome]
     times: NDArray[Any]
     lost: Sequence[int] = ()
+    unrest: Unrest = Unrest()
 
     @property
     def is_final(self) -> bool:

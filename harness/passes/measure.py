@@ -24,6 +24,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from harness.machine.unrest import Unrest
 from harness.passes.bench import Bench
 from harness.passes.limits import Loss, Pass
 from harness.passes.outcome import DISTURBED, Outcome
@@ -65,10 +66,12 @@ class Asked(abc.ABC):
     """Whoever answers.
 
     cpu : of each QP by its number, the CPU [s] from its question to the next, where it is known
+    unrest : what else the machine was doing, once it has ended
     """
 
     def __init__(self) -> None:
         self.cpu: dict[int, float] = {}
+        self.unrest = Unrest()
 
     @abc.abstractmethod
     def ask(self, question: Question) -> Reply:
@@ -143,7 +146,7 @@ def take_pass(
     loss = asked.end()
     if loss is not None and not book.lost:
         book.lose(order[-1], loss)
-    return book.as_pass(asked.cpu)
+    return book.as_pass(asked.cpu)._replace(unrest=asked.unrest)
 
 
 @contextmanager

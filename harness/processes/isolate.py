@@ -39,6 +39,7 @@ from typing import Any
 import numpy as np
 
 from harness.machine.threads import one_thread
+from harness.machine.unrest import Reading, between, read
 from harness.passes.bench import Nobody
 from harness.passes.clocks import Asking
 from harness.passes.limits import WARM_UP, Limits, Loss, Pass, Task, hard_limit
@@ -179,6 +180,7 @@ class Apart(Asked):
         }
         self._process: Process | None = None
         self._asked_last: tuple[int, float] | None = None
+        self._before: Reading | None = None
         self._cold, self._called = not timed, False
 
     def ask(self, question: Question) -> Reply:
@@ -201,6 +203,8 @@ class Apart(Asked):
         process = self._process
         if process is None:
             return None
+        if self._before is not None:
+            self.unrest = between(self._before, read(process.pid))
         self._count_cpu(process, None)
         extra = process.cpu_of_forks() / max(len(self.cpu), 1)
         self.cpu = {number: seconds + extra for number, seconds in self.cpu.items()}
@@ -220,7 +224,7 @@ class Apart(Asked):
             process.kill()
 
     def _lose(self) -> None:
-        self._cold, self._asked_last = True, None
+        self._cold, self._asked_last, self._before = True, None, None
         self.close()
 
     def _begin(self, warm_up: bool) -> Process:
@@ -248,6 +252,7 @@ class Apart(Asked):
             except _Lost:
                 self.close()
                 return self._begin(warm_up=False)
+            self._before = read(process.pid)
         return process
 
     def _warm_up(self, process: Process) -> None:

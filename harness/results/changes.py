@@ -166,7 +166,8 @@ def _calm(shards: Shards) -> dict[Name, NDArray[np.float64]]:
     usual = {machine: np.median(known) if known else np.nan for machine, known in paces.items()}
     found = {}
     for name, shard in shards.items():
-        times, pace = runtimes(shard.passes), shard.passes[:, :, PACE]
+        passes = shard.counted
+        times, pace = runtimes(passes), passes[:, :, PACE]
         calm = np.array([not (of > DISTURBED * usual[shard.key.machine]).any() for of in pace])
         found[name] = times[calm] if 2 * calm.sum() > len(calm) else np.full(times.shape, np.nan)
     return found
@@ -174,7 +175,7 @@ def _calm(shards: Shards) -> dict[Name, NDArray[np.float64]]:
 
 def _paces(shard: StoredShard) -> list[float]:
     """What the fixed piece of work took before each pass, as far as it is known [s]."""
-    pace = shard.passes[:, :, PACE]
+    pace = shard.counted[:, :, PACE]
     known = pace[np.isfinite(pace).any(axis=1)]
     return np.nanmedian(known, axis=1).tolist() if len(known) else []
 

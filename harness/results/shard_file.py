@@ -2,7 +2,8 @@
 
 A shard is one (recording, solver, setting, arm): a row per QP with `COLUMNS`, and after them the
 times of every pass, `build_time_0`, …, `pace_0`, `build_time_1`, … [s] (`TIMES`).  The file's
-metadata holds its `ShardKey` as JSON.
+metadata holds as JSON its `ShardKey` and what else the machine was doing in each pass (`Unrest`,
+null where it is not known).  Where some passes were quiet, the others do not count.
 
 The file is written and read as `harness.files.sealed_parquet` says, with times in plain, so that
 each row takes `ROW_BYTES` bytes or more.  Of the key are looked at the fields and their types, and
@@ -32,10 +33,11 @@ from harness.files.sealed_parquet import (
     said_of_itself,
 )
 from harness.judging.physics import MEASURES
-from harness.results.shard_values import check_key, check_rows, check_times
+from harness.machine.unrest import Unrest
+from harness.results.shard_values import check_key, check_rows, check_times, check_unrest
 from problems.qp import WorkCounts
 
-FORMAT_VERSION = 5
+FORMAT_VERSION = 6
 TIMES = (
     *("build_time", "setup_time", "solve_time", "call_time", "charged_time", "inside_time", "pace"),
 )
@@ -94,7 +96,8 @@ COLUMNS: dict[str, pa.DataType] = {
     "scale": pa.float64(),  # unit of glambda_error
     "warm_started": pa.bool_(),  # whether a start was handed to the solver
     "after_restart": pa.bool_(),  # a QP of the warm group that has no predecessor
-    "repeats": pa.int64(),  # passes that were timed
+    "repeats": pa.int64(),  # passes that count
+    "quiet": pa.bool_(),  # whether nothing else is known to have disturbed them
     "executor": pa.string(),  # who counted and limited (`harness.processes.cgroup`); empty: nobody
 }
 """One row per QP, in order."""
@@ -102,12 +105,12 @@ COLUMNS: dict[str, pa.DataType] = {
 FROM_KEY = ("scene", "recording_digest", "solver", "settings", "arm", "machine", "versions")
 BY_CLOCK = ("runtime", "runtime_median", "believed", *TIMES)
 """Columns that clocks decide: they differ when the same is done again."""
-FROM_PASSES = (*BY_CLOCK, "repeats")
+FROM_PASSES = (*BY_CLOCK, "repeats", "quiet")
 TEXTS = tuple(name for name, kind in COLUMNS.items() if kind == pa.string())
 TEXT_LIMIT = 2000
 """Longest text in a row [bytes]; longer ones are cut when they are written."""
-KEY_LIMIT = 10_000
-"""Longest key [bytes], and most columns."""
+KEY_LIMIT = 100_000
+"""Longest key with what is told of passes [bytes], and most columns."""
 ROW_BYTES = 8 * (2 + 2 * len(TIMES))
 """Bytes that a row takes at least: runtime, runtime_median, and the times twice."""
 
@@ -163,21 +166,29 @@ class Shard:
 
     rows : one mapping per QP; what comes from the key and the passes is left out
     passes : (passes, n, 7) seconds, columns `TIMES`; NaN where nothing was run
+    unrest : of each pass
     study : which study it belongs to
     """
 
     key: ShardKey
     rows: Sequence[Mapping[str, Any]]
     passes: NDArray[np.float64]
+    unrest: Sequence[Unrest]
     study: str = ""
 
 
 class StoredShard(NamedTuple):
-    """A shard as it was read: columns `COLUMNS`, and passes as in `Shard`."""
+    """A shard as it was read: columns `COLUMNS`, and passes and unrest as in `Shard`."""
 
     key: ShardKey
     rows: pa.Table
     passes: NDArray[np.float64]
+    unrest: list[Unrest]
+
+    @property
+    def counted(self) -> NDArray[np.float64]:
+        """Those of the passes that count."""
+        return self.passes[which_count(self.unrest)]
 
 
 def shard_bytes(shard: Shard) -> bytes:
@@ -185,7 +196,7 @@ def shard_bytes(shard: Shard) -> bytes:
     key, (count, n, _) = shard.key, shard.passes.shape
     data: dict[str, Any] = {name: [row.get(name) for row in shard.rows] for name in COLUMNS}
     data |= {name: [getattr(key, name)] * n for name in FROM_KEY}
-    data |= {**summarise(shard.passes), "study": [shard.study] * n}
+    data |= {**summarise(shard.passes, shard.unrest), "study": [shard.study] * n}
     data |= {name: [_cut(text) for text in data[name]] for name in TEXTS}
     times = _pass_columns(count)
     data |= zip(times, shard.passes.transpose(0, 2, 1).reshape(len(times), n), strict=True)
@@ -193,7 +204,8 @@ def shard_bytes(shard: Shard) -> bytes:
     arrays = [pa.array(data[field.name], type=field.type) for field in schema]
     table = pa.Table.from_arrays(arrays, schema=schema)
     packed = [name for name in COLUMNS if name not in FROM_PASSES]
-    return parquet_bytes(table, json.dumps(asdict(key), sort_keys=True), packed)
+    said = {"key": asdict(key), "unrest": [each.as_json() for each in shard.unrest]}
+    return parquet_bytes(table, json.dumps(said, sort_keys=True), packed)
 
 
 def read_shard(path: Path) -> StoredShard:
@@ -206,10 +218,14 @@ def read_shard(path: Path) -> StoredShard:
     def wrong(what: str) -> StoreError:
         return StoreError(" ".join(f"{path}: {what}; delete it and replay again".split()))
 
-    def check(file: pq.ParquetFile, size: int) -> tuple[ShardKey, int]:
-        return _read_key(path, file, wrong), _check_columns(file, size, wrong)
+    def check(file: pq.ParquetFile, size: int) -> tuple[ShardKey, int, list[Unrest]]:
+        key, said = _read_key(path, file, wrong)
+        count = _check_columns(file, size, wrong)
+        return key, count, check_unrest(said, count, wrong)
 
-    (key, count), table = read_parquet(path, check, wrong, texts=TEXTS, metadata_limit=KEY_LIMIT)
+    (key, count, unrest), table = read_parquet(
+        path, check, wrong, texts=TEXTS, metadata_limit=KEY_LIMIT
+    )
     for name in TEXTS:
         lengths = pc.binary_length(table[name].combine_chunks().dictionary)
         if len(lengths) and pc.max(lengths).as_py() > TEXT_LIMIT:
@@ -220,20 +236,24 @@ def read_shard(path: Path) -> StoredShard:
     for name in FROM_KEY:
         if rows[name].unique().to_pylist() not in ([], [getattr(key, name)]):
             raise wrong(f"column {name} contradicts the key of the file")
-    for name, column in summarise(passes).items():
+    for name, column in summarise(passes, unrest).items():
         stored = rows[name].to_numpy().astype(column.dtype)
         if not np.array_equal(stored, column, equal_nan=column.dtype.kind == "f"):
             raise wrong(f"column {name} contradicts the times of the passes")
     check_rows(key.scene, rows, wrong)
     check_times(passes, rows, wrong)
-    return StoredShard(key, rows, passes)
+    return StoredShard(key, rows, passes, unrest)
 
 
-def _read_key(path: Path, file: pq.ParquetFile, wrong: Wrong) -> ShardKey:
-    """The key that the file gives, once it has the right fields and is that of this name."""
-    stored = said_of_itself(file, wrong)
-    if stored is None:
+def _read_key(path: Path, file: pq.ParquetFile, wrong: Wrong) -> tuple[ShardKey, Any]:
+    """The key that the file gives, once it has the right fields and is that of this name; and what
+    it says of the unrest in its passes."""
+    said = said_of_itself(file, wrong)
+    if said is None:
         raise StoreError(f"{path}: is no shard of a glambda study; remove it from the folder")
+    stored = said.get("key", said)
+    if not isinstance(stored, dict):
+        raise wrong("its key is no object of names and values")
     version = stored.get("format_version")
     if version != FORMAT_VERSION:
         raise StoreError(
@@ -247,7 +267,7 @@ def _read_key(path: Path, file: pq.ParquetFile, wrong: Wrong) -> ShardKey:
     if path.stem != key.name:
         raise wrong(f"it is the shard {key.name[:200]!r} under another name")
     check_key(key, wrong)
-    return key
+    return key, said.get("unrest")
 
 
 def _check_columns(file: pq.ParquetFile, size: int, wrong: Wrong) -> int:
@@ -268,12 +288,21 @@ def runtimes(passes: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(np.isnan(own), passes[:, :, TIMES.index("call_time")], own)
 
 
-def summarise(passes: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
-    """Columns `FROM_PASSES` of (passes, n, 7) times: the fastest pass of each QP, and the median.
+def which_count(unrest: Sequence[Unrest]) -> NDArray[np.bool_]:
+    """(passes,) those that were quiet; where none was, all."""
+    quiet = np.array([each.is_quiet for each in unrest], dtype=bool)
+    return quiet if quiet.any() else np.ones_like(quiet)
+
+
+def summarise(passes: NDArray[np.float64], unrest: Sequence[Unrest]) -> dict[str, NDArray[Any]]:
+    """Columns `FROM_PASSES` of (passes, n, 7) times: the fastest pass of each QP that counts, and
+    the median.
 
     runtime is setup + solve + charged; where those are unknown (a solve that raised) it is the
     whole call.
     """
+    counts = which_count(unrest)
+    passes = passes[counts]
     count, n, _ = passes.shape
     runtime = runtimes(passes)
     best = np.argmin(np.where(np.isnan(runtime), np.inf, runtime), axis=0)
@@ -282,6 +311,7 @@ def summarise(passes: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
         "runtime": runtime[best, np.arange(n)],
         "runtime_median": np.median(runtime, axis=0),
         "repeats": np.full(n, count),
+        "quiet": np.full(n, any(each.is_quiet for each in unrest)),
         "believed": np.isfinite(fastest[:, TIMES.index("setup_time")])
         & (fastest[:, TIMES.index("charged_time")] == 0.0),
     }

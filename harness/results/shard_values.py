@@ -14,6 +14,7 @@ import pyarrow as pa
 from harness.files.sealed_parquet import Wrong
 from harness.judging.facts import setting_name
 from harness.judging.judge import VERDICTS
+from harness.machine.unrest import Unrest
 from harness.passes.starts import EVERY_ARM
 from harness.recordings.recording import PROOFS
 from problems.qp import KINDS, Status, Vector
@@ -79,3 +80,23 @@ def check_times(passes: Vector, rows: pa.Table, wrong: Wrong) -> None:
         raise wrong("column runtime lacks the time of an answer that was verified")
     if not np.isfinite(rows["t"].drop_null().to_numpy()).all():
         raise wrong("column t holds what is no time of a motion")
+
+
+def check_unrest(said: Any, count: int, wrong: Wrong) -> list[Unrest]:
+    """What a shard says of the unrest in its passes.
+
+    Raises `wrong(what)` for what no reading gives.
+    """
+    if not isinstance(said, list) or len(said) != count:
+        raise wrong(f"does not tell the unrest of its {count} passes")
+    found = []
+    for values in said:
+        if not isinstance(values, list) or len(values) != len(Unrest._fields):
+            raise wrong(f"the unrest of a pass needs {', '.join(Unrest._fields)}")
+        numbers = [np.nan if value is None else value for value in values]
+        if not all(
+            type(number) in (int, float) and not abs(number) == np.inf for number in numbers
+        ):
+            raise wrong("the unrest of a pass is no list of numbers")
+        found.append(Unrest(*map(float, numbers)))
+    return found

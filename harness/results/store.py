@@ -39,6 +39,7 @@ from harness.files.folder_lock import lock_folder
 from harness.files.json_file import read_json, sealed_json
 from harness.files.plain_files import Unreadable
 from harness.files.whole_files import clear_leftovers, write_whole
+from harness.machine.unrest import Unrest
 from harness.names import NOT_KNOWN
 from harness.passes.limits import TIME_LIMIT
 from harness.passes.outcome import DISTURBED
@@ -65,14 +66,20 @@ __all__ = [
     "ShardKey",
     "Store",
     "StoreError",
+    "read_passes",
     "read_repeats",
     "read_results",
     "read_shards",
     "read_spent",
 ]
 
-REPEAT_COLUMNS = ("problem", "solver", "settings", "arm", "repeat", *TIMES)
+REPEAT_COLUMNS = ("problem", "solver", "settings", "arm", "repeat", "quiet", *TIMES)
 """Columns of `read_repeats`: one row per QP and pass, times in seconds."""
+
+PASS_KEY = ("scene", "solver", "settings", "arm")
+PASS_COLUMNS = (*PASS_KEY, "repeat", "pace", *Unrest._fields, "disturbed_by")
+"""Columns of `read_passes`: [s] of the calibration before a pass, the fields of
+`harness.machine.unrest.Unrest`, and which of them have disturbed it."""
 
 SPENT = ("replaying", "in_passes", "in_calls")
 """Seconds of a replay: all of them, judging and storing included; those of its passes, with warm-up
@@ -256,26 +263,33 @@ def read_results(folder: str | os.PathLike[str]) -> pd.DataFrame:
 def read_repeats(folder: str | os.PathLike[str]) -> pd.DataFrame:
     """Times of every pass, columns `REPEAT_COLUMNS`.  Raises StoreError like `read_results`."""
     parts = [pd.DataFrame(columns=list(REPEAT_COLUMNS))]
-    for key, rows, passes in read_shards(Path(folder)):
+    for key, rows, passes, unrest in read_shards(Path(folder)):
         count, n, _ = passes.shape
         part = pd.DataFrame(passes.reshape(count * n, len(TIMES)), columns=list(TIMES))
         part["problem"] = np.tile(rows["problem"].to_numpy(), count)
         part["repeat"] = np.repeat(np.arange(count), n)
+        part["quiet"] = np.repeat([each.is_quiet for each in unrest], n)
         parts.append(part.assign(solver=key.solver, settings=key.settings, arm=key.arm))
     frame = pd.concat(parts[1:] or parts)[list(REPEAT_COLUMNS)]
     order = ["problem", "solver", "settings", "arm", "repeat"]
     return frame.sort_values(order, ignore_index=True)
 
 
-def read_paces(folder: str | os.PathLike[str]) -> list[float]:
-    """[s] of the calibration before every pass.  Raises StoreError like `read_results`."""
-    pace = TIMES.index("pace")
-    return [
-        float(seconds)
-        for shard in read_shards(Path(folder))
-        if shard.passes.size
-        for seconds in shard.passes[:, 0, pace]
+def read_passes(folder: str | os.PathLike[str]) -> pd.DataFrame:
+    """What the machine did: one row per pass, columns `PASS_COLUMNS`.
+
+    Raises StoreError like `read_results`.
+    """
+    found = [
+        (
+            *(getattr(key, name) for name in PASS_KEY),
+            *(repeat, times[0, TIMES.index("pace")], *unrest, ", ".join(unrest.reasons())),
+        )
+        for key, _, passes, readings in read_shards(Path(folder))
+        for repeat, (times, unrest) in enumerate(zip(passes, readings, strict=True))
+        if len(times)
     ]
+    return pd.DataFrame(found, columns=list(PASS_COLUMNS))
 
 
 def read_time_limit(folder: str | os.PathLike[str]) -> float:
@@ -384,7 +398,7 @@ def is_disturbed(row: Mapping[str, Any]) -> bool:
 def _shard_of(stored: StoredShard) -> Shard:
     study = stored.rows["study"][0].as_py() if stored.rows.num_rows else ""
     rows = stored.rows.drop_columns([*FROM_KEY, *FROM_PASSES, "study"]).to_pylist()
-    return Shard(stored.key, rows, stored.passes, study)
+    return Shard(stored.key, rows, stored.passes, stored.unrest, study)
 
 
 def _nullable(kind: pa.DataType) -> Any:

@@ -7,7 +7,8 @@ For each recording and each accuracy setting:
 3. Go round all runs, one pass each, and round again until each has its repeats: what drifts on the
    machine drifts for all.  Each pass has a process of its own (`harness.processes.isolate`), which
    is warmed up before.  A run whose pass takes more than `slow_pass` seconds is not repeated, nor
-   is one that has cost a process.
+   is one that has cost a process.  For a pass that something else on the machine has disturbed
+   (`harness.machine.unrest`) another is taken, at most as many more as there are repeats.
 4. Every pass is judged: a row is that of its worst.  What a solver tells of its times is held
    against what is seen of them (`harness.passes.clocks`).  Every finished pass is stored at once.
 5. In the end every shard is what was stored; one that somebody has altered is written anew.
@@ -83,8 +84,10 @@ def is_done(shard: Shard | None, repeats: int = REPEATS, slow_pass: float = SLOW
     if shard is None:
         return False
     calls = shard.passes[:, :, CALL]
+    quiet = sum(each.is_quiet for each in shard.unrest)
     return (
-        len(calls) >= repeats
+        quiet >= repeats
+        or len(calls) >= 2 * repeats
         or float(np.nansum(calls[0])) > slow_pass
         or float(np.nanmax(calls, initial=0.0)) > hard_limit(shard.key.time_limit)
         or any(row["verdict"] == "crashed" for row in shard.rows)
@@ -115,7 +118,7 @@ def replay(
     settings : of "paper", "high", "default" (`harness.judging.facts`), or numbers such as "1e-6"
     arms : of `harness.passes.starts.EVERY_ARM`
     results : folder that is written to or continued; None: only the rows are returned
-    repeats : timed passes of each run;  time_limit : [s] per solve
+    repeats : timed passes of each run, disturbed ones aside;  time_limit : [s] per solve
     memory_limit : [GiB] that a solver may take
     slow_pass : [s] a run whose pass takes longer is not repeated
     again : of `solvers`, those of whom nothing that is stored counts any more
@@ -187,7 +190,7 @@ def replay(
         who = executor() if isolate and is_available() else ""
         judged = _Judged(recording, setting, facts[recording.digest], study, who)
         block = Block(recording, judged.asked, limits, hidden, isolate, timed)
-        for turn in range(repeats):
+        for turn in range(2 * repeats):
             asked_in_this: set[str] = set()
             for run in runs:
                 before = counter.done
@@ -200,13 +203,15 @@ def replay(
                     if run.about.broken:
                         done = judged.none(run.about.reason)
                     else:
-                        done = block.do_pass(run.task, partial(counter.add, run.key.name))
+                        told = [partial(counter.add, run.key.name)] if turn < repeats else []
+                        done = block.do_pass(run.task, *told)
                     spent["in_passes"] += clock()
                     if run.shard is None or done.is_final:
                         run.shard = judged.add(run, done, asking, pace)
                         store.save(run.shard)
                         spent["in_calls"] += float(np.nansum(run.shard.passes[-1, :, CALL]))
-                counter.add(run.key.name, before + len(recording.qps) - counter.done)
+                if turn < repeats:
+                    counter.add(run.key.name, before + len(recording.qps) - counter.done)
         spent["replaying"] += clock()
         store.add_spent(spent)
     for _, _, runs in blocks:
@@ -288,9 +293,9 @@ class _Judged:
         times = np.column_stack([found, np.full(len(found), pace)])[None]
         answers = [_bits(outcome) for outcome in done.outcomes]
         if run.shard is None:
-            rows = [self.row(i, outcome) for i, outcome in enumerate(done.outcomes)]
+            rows, unrest = [self.row(i, outcome) for i, outcome in enumerate(done.outcomes)], []
         else:
-            rows = [dict(row) for row in run.shard.rows]
+            rows, unrest = [dict(row) for row in run.shard.rows], list(run.shard.unrest)
             times = np.concatenate([run.shard.passes, times])
             for i, outcome in enumerate(done.outcomes):
                 if not run.answers or answers[i] != run.answers[i]:
@@ -299,7 +304,7 @@ class _Judged:
         for i in doubted:
             said = rows[i]["status_text"].removesuffix(DOUBT).removesuffix("; ")
             rows[i]["status_text"] = f"{said}; {DOUBT}" if said else DOUBT
-        return Shard(run.key, rows, times, self.study)
+        return Shard(run.key, rows, times, [*unrest, done.unrest], self.study)
 
     def none(self, why: str) -> Pass:
         """A pass of who cannot be asked."""

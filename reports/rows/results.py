@@ -83,7 +83,7 @@ class Results:
     recordings : label → recording, in the order of the labels
     missing : sentences on what the folder does not hold
     campaigns : the rows that are set apart
-    paces : [s] of the calibration before every pass (`harness.machine.calibration`)
+    passes : what the machine did, a row per pass (`harness.results.store.read_passes`)
     study : what study.json says;  spent : seconds of the replay
         (`harness.results.store.read_spent`)
     time_limit : [s] per solve
@@ -93,7 +93,7 @@ class Results:
     recordings: Mapping[str, Any] = field(default_factory=dict)
     missing: tuple[str, ...] = ()
     campaigns: pd.DataFrame | None = None
-    paces: tuple[float, ...] = ()
+    passes: pd.DataFrame = field(default_factory=pd.DataFrame)
     study: Mapping[str, Any] = field(default_factory=dict)
     spent: Mapping[str, float] = field(default_factory=dict)
     time_limit: float = TIME_LIMIT
@@ -207,7 +207,7 @@ def load_results(folder: str | Path) -> Results:
     """
     from harness.recordings.recording import read_recording
     from harness.results.store import (
-        read_paces,
+        read_passes,
         read_results,
         read_spent,
         read_study,
@@ -246,7 +246,7 @@ def load_results(folder: str | Path) -> Results:
         recordings=recordings,
         missing=tuple(_missing(rows, {scene: recordings[scene] for scene in of_study})),
         campaigns=campaigns,
-        paces=tuple(read_paces(folder)),
+        passes=read_passes(folder),
         study=read_study(folder),
         spent=read_spent(folder),
         time_limit=time_limit,

@@ -31,6 +31,17 @@ SLOW_PASS = 1.1
 """A pass that begins at more than this multiple of the median pace is counted as slow."""
 
 
+WHAT = {
+    "pressure": "tasks that waited for a processor",
+    "memory": "tasks that waited for memory",
+    "steal": "processors given to others",
+    "switches": "the process put aside",
+    "swapped": "memory swapped",
+    "frequency": "a slower processor",
+}
+"""Entries of `harness.machine.unrest.Unrest` in words."""
+
+
 def protocol(results: Results) -> list[tuple[str, str]]:
     """Terms and what they mean, with the constants that were used."""
     from harness.judging.facts import ASKED_RELATIVE
@@ -85,6 +96,7 @@ def _machine(results: Results) -> list[tuple[str, str]]:
         ("Clock", _clock(results)),
         ("Belief", _belief(results)),
         ("Pace", _pace(results)),
+        ("Unrest", _unrest(results)),
         ("Harness", _harness(results)),
     ]
 
@@ -128,7 +140,7 @@ def _belief(results: Results) -> str:
 
 def _pace(results: Results) -> str:
     """Whether the machine kept its pace from pass to pass."""
-    paces = np.array(results.paces)
+    paces = results.passes.get("pace", pd.Series(dtype=float)).to_numpy()
     if paces.size < 2:
         return ""
     middle = float(np.median(paces))
@@ -140,6 +152,28 @@ def _pace(results: Results) -> str:
         f"slowest {paces.max() / middle:.2f}.  {slow:,} passes began more than "
         f"{percent(SLOW_PASS - 1)} slower than the median; passes go round, so that all backends "
         "meet such times."
+    )
+
+
+def _unrest(results: Results) -> str:
+    """What else the machine did, and how often that disturbed a pass."""
+    passes = results.passes
+    known = [] if passes.empty else [name for name in WHAT if passes[name].notna().any()]
+    if not known:
+        return ""
+    causes = passes["disturbed_by"].str.split(", ")
+    disturbed = passes["disturbed_by"] != ""
+    counts = {words: int(causes.map(lambda of, name=name: name in of).sum())
+              for name, words in WHAT.items()}  # fmt: skip
+    named = ", ".join(f"{words} {count:,}" for words, count in counts.items() if count)
+    unknown = ", ".join(words for name, words in WHAT.items() if name not in known)
+    bare = results.rows[~results.rows["quiet"].astype(bool)]
+    return (
+        f"{int(disturbed.sum()):,} of the {len(passes):,} passes were disturbed"
+        + (f" ({named})" if named else "")
+        + "; another was taken in place of each, as long as it took no more than twice as many.  "
+        f"Of {len(bare):,} rows no pass was quiet."
+        + (f"  This system does not tell: {unknown}." if unknown else "")
     )
 
 

@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 
 from harness.files.seal import SEAL, UNSEALED, sealed
 from harness.files.sealed_parquet import METADATA
+from harness.machine.unrest import Unrest
 from harness.results.shard_file import (
     COLUMNS,
     FROM_PASSES,
@@ -52,7 +53,7 @@ class ShardTarget:
             }
             for i in range(40)
         ]
-        self.sound = shard_bytes(Shard(KEY, rows, passes, "study"))
+        self.sound = shard_bytes(Shard(KEY, rows, passes, [Unrest(), QUIET], "study"))
         self.path.write_bytes(self.sound)
         self.table = read_shard(self.path)
 
@@ -70,17 +71,20 @@ class ShardTarget:
 
     def read(self) -> bool:
         """Read the file; whether it holds what the sound one does."""
-        key, rows, passes = read_shard(self.path)
+        key, rows, passes, unrest = read_shard(self.path)
         same = np.array_equal(passes, self.table.passes, equal_nan=True)
-        return key == self.table.key and rows.equals(self.table.rows) and same
+        same &= repr(unrest) == repr(self.table.unrest)  # NaN is not itself
+        return key == self.table.key and rows.equals(self.table.rows) and bool(same)
 
 
 KEY = ShardKey("fake", "abc", "daqp", "paper", "cold", "daqp 1.0", "a machine", 1.0)
+QUIET = Unrest(1.0, 0.0, 0.0, 0.0, 2.0, 0.0, 1.0)
+ABOUT = {"key": asdict(KEY), "unrest": [Unrest().as_json(), QUIET.as_json()]}
 
 
-def parquet(table: pa.Table, key: Any = None, **how: Any) -> bytes:
-    """A Parquet file as `shard_bytes` writes it, or otherwise; `key` is bytes, or made JSON."""
-    text = key if isinstance(key, bytes) else json.dumps(asdict(KEY) if key is None else key)
+def parquet(table: pa.Table, about: Any = None, **how: Any) -> bytes:
+    """A Parquet file as `shard_bytes` writes it, or otherwise; `about` is bytes, or made JSON."""
+    text = about if isinstance(about, bytes) else json.dumps(ABOUT if about is None else about)
     sink = io.BytesIO()
     plain = {"compression": "none", "store_schema": False, "write_statistics": False}
     times = [name for name in table.column_names if name in FROM_PASSES or name[-1].isdigit()]
@@ -121,6 +125,9 @@ def _shard_type(rng: Random, sound: bytes) -> bytes:
     at = int(rng.integers(table.num_columns))
     column = columns[rng.integers(len(columns))]
     return parquet(table.set_column(at, table.column_names[at], column))
+
+
+STRANGE: tuple[Any, ...] = (*(None, True, 7, 1e400, [1], {"a": 1}, "../../x", "é" * 5_000, 2**80),)
 
 
 def _shard_columns(rng: Random, sound: bytes) -> bytes:
@@ -168,16 +175,33 @@ def _shard_written_otherwise(rng: Random, sound: bytes) -> bytes:
 
 
 def _shard_key(rng: Random, sound: bytes) -> bytes:
-    about = asdict(KEY)
+    about = ABOUT["key"]
     name = str(rng.choice(list(about)))
     texts = (b"", b"{", b"[]", b"[" * 100_000, b"\xff\xfe", b"9" * 100_000, b"x" * 5_000_000)
-    values: tuple[Any, ...] = (None, True, 7, 1e400, [1], {"a": 1}, "../../x", "é" * 5_000, 2**80)
-    how = rng.integers(3)
+    how = rng.integers(4)
     if how == 0:
         return parquet(_table(sound), texts[rng.integers(len(texts))])
     if how == 1:
-        return parquet(_table(sound), {n: v for n, v in about.items() if n != name})
-    return parquet(_table(sound), about | {name: values[rng.integers(len(values))]})
+        key: Any = {n: v for n, v in about.items() if n != name}
+    elif how == 2:
+        key = STRANGE[rng.integers(len(STRANGE))]
+    else:
+        key = about | {name: STRANGE[rng.integers(len(STRANGE))]}
+    return parquet(_table(sound), {**ABOUT, "key": key})
+
+
+def _shard_unrest(rng: Random, sound: bytes) -> bytes:
+    told: Any = [list(each) for each in ABOUT["unrest"]]
+    how = rng.integers(4)
+    if how == 0:
+        told = STRANGE[rng.integers(len(STRANGE))]
+    elif how == 1:
+        told = told[: rng.integers(2)] if rng.integers(2) else told * 2
+    elif how == 2:
+        told[0] = STRANGE[rng.integers(len(STRANGE))]
+    else:
+        told[0][rng.integers(7)] = STRANGE[rng.integers(1, len(STRANGE))]
+    return parquet(_table(sound), {**ABOUT, "unrest": told})
 
 
 def _shard_values(rng: Random, sound: bytes) -> bytes:
@@ -212,6 +236,7 @@ SHARD_FORGERIES: dict[str, Callable[[Random, bytes], bytes]] = {
     "many rows": _shard_rows,
     "written otherwise": _shard_written_otherwise,
     "other key": _shard_key,
+    "unrest": _shard_unrest,
     "values": _shard_values,
     "foreign": _shard_foreign,
 }

@@ -37,7 +37,7 @@ import pandas as pd
 
 from glambda.cli.streams import heed_interrupts
 from harness.files import whole_files
-from harness.results.shard_file import BY_CLOCK
+from harness.results.shard_file import FROM_PASSES
 from harness.results.store import Store, read_repeats, read_results
 from harness.study.replay import replay
 from harness.study.study import record_into
@@ -45,7 +45,8 @@ from harness.study.study import record_into
 SCENE, UNTIL = "tower,bodies=3", 0.05
 SOLVERS = ("glambda", "daqp", "quadprog")
 REPEATS = 2
-MAY_DIFFER_IN_ROWS = ("executor", *BY_CLOCK)
+MAY_DIFFER_IN_ROWS = ("executor", *FROM_PASSES)
+OF_A_PASS = ("problem", "solver", "settings", "arm", "repeat")
 SIGNALS = (signal.SIGKILL, signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 WORD = "GLAMBDA_ENDURANCE"
 """Variable by which the processes of a study are found."""
@@ -190,9 +191,10 @@ def _has(path: Path, word: str) -> bool:
 
 def content(folder: Path) -> dict[str, Any]:
     """All that must not differ: tables without times, and sums of the other files."""
+    repeats = read_repeats(folder)
     found: dict[str, Any] = {
         "results": read_results(folder).drop(columns=list(MAY_DIFFER_IN_ROWS)),
-        "repeats": read_repeats(folder)[["problem", "solver", "settings", "arm", "repeat"]],
+        "repeats": repeats.loc[repeats["repeat"] < REPEATS, list(OF_A_PASS)],
     }
     for path in sorted(folder.rglob("*")):
         name = str(path.relative_to(folder))

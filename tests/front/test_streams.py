@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 from glambda.cli import app
 from glambda.terminal import Terminal
 from harness.files.printable import printable
+from harness.machine.unrest import Unrest
 from harness.recordings.recording import write_recording
 from harness.results.shard_file import Shard
 from harness.results.store import Store
@@ -82,7 +83,7 @@ def test_info_of_a_strangers_files_is_printable(tmp_path: Path) -> None:
     file = tmp_path / "fake.h5"
     write_recording(file, strange_recording())
     rows = [{**row, "kind": "step", "status_text": STRANGE} for row in shard().rows]
-    Store(tmp_path / "study").save(Shard(KEY, rows, TIMES, STRANGE))
+    Store(tmp_path / "study").save(Shard(KEY, rows, TIMES, [Unrest()] * 3, STRANGE))
     absent = tmp_path / f"{STRANGE}.h5"
     for path, code in ((file, 0), (tmp_path / "study", 0), (absent, 2)):
         told = CliRunner().invoke(app, ["info", str(path)])

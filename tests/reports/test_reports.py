@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 
 import glambda
+from harness.machine.unrest import Unrest
 from harness.passes.limits import TIME_LIMIT
 from harness.recordings.recording import Recording
 from harness.study.record import recording_of
@@ -98,6 +99,7 @@ def make_rows(
                             "call_time": 30e-6,
                             "charged_time": 0.0,
                             "inside_time": 8e-6,
+                            "quiet": True,
                             "believed": True,
                             "runtime_median": 11e-6,
                             "iterations": 1 if arm == "warm" else 4,
@@ -879,16 +881,25 @@ def test_campaigns_have_their_commands():
 
 def test_the_protocol_tells_what_is_known_of_clock_pace_and_harness(study):
     bare = dict(protocol(study))
-    assert not {"Clock", "Pace", "Harness"} & set(bare)  # nothing is known, nothing is said
+    assert not {"Clock", "Pace", "Unrest", "Harness"} & set(bare)  # nothing is known or said
+    passes = pd.DataFrame({
+        "pace": (1e-3, 1e-3, 1e-3, 1.5e-3), **dict.fromkeys(Unrest._fields, 0.0),
+        "steal": np.nan, "disturbed_by": ("", "pressure", "pressure, switches", ""),
+    })  # fmt: skip
     known = replace(
         study,
-        paces=(1e-3, 1e-3, 1e-3, 1.5e-3),
+        passes=passes,
         study={"clock": {"resolution": 4e-8, "empty_call": 4e-6, "empty_runtime": 1e-7}},
         spent={"replaying": 10.0, "in_passes": 8.0, "in_calls": 5.0},
     )
     said = dict(protocol(known))
     assert "0.040 µs or more" in said["Clock"] and "4.00 µs as a whole" in said["Clock"]
     assert "the slowest 1.50" in said["Pace"] and "1 passes began more" in said["Pace"]
+    assert (
+        "2 of the 4 passes were disturbed (tasks that waited for a processor 2, the process put "
+        "aside 1)"
+    ) in said["Unrest"]
+    assert "does not tell: processors given to others" in said["Unrest"]
     assert (
         "50.0 % of it inside timed calls" in said["Harness"] and "30.0 % around" in said["Harness"]
     )

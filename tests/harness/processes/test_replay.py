@@ -11,12 +11,15 @@ import numpy as np
 import pytest
 
 from harness import replay
+from harness.machine.unrest import Reading
+from harness.passes.clocks import Asking
 from harness.passes.limits import Pass, Task
 from harness.passes.measure import PATIENCE, others, run_pass
 from harness.processes import introduction
+from harness.processes import isolate as isolate_module
 from harness.processes.isolate import Block, here
 from harness.recordings.recording import write_recording
-from harness.results.store import COLUMNS, StoreError, read_repeats, read_results
+from harness.results.store import COLUMNS, StoreError, read_passes, read_repeats, read_results
 from harness.study.replay import reproduce
 from problems.qp import working_set_of
 from solvers import registry
@@ -337,3 +340,48 @@ def test_every_pass_says_what_pace_the_machine_had(tmp_path: Path) -> None:
     pace = read_repeats(tmp_path).groupby(["solver", "arm", "repeat"])["pace"]
     assert (pace.nunique() == 1).all() and (pace.first() > 0).all()
     assert pace.first().nunique() > 1  # measured anew each time
+
+
+def readings(pressures: list[float], then: float) -> object:
+    """Stands for `read`: each pass, of two readings a second apart, has the next pressure."""
+    left, taken = iter(pressures), list[Reading]()
+
+    def next_reading(pid: int) -> Reading:
+        assert pid > 0
+        if len(taken) % 2:
+            time, pressure, *others = taken[-1]
+            taken.append(Reading(time + 1.0, pressure + next(left, then), *others))
+        else:
+            taken.append(Reading(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+        return taken[-1]
+
+    return next_reading
+
+
+@pytest.mark.parametrize(
+    ("pressures", "then", "passes", "repeats", "quiet"),
+    [
+        ([0.0, 0.5, 0.0], 0.0, 3, 2, True),
+        ([0.5, 0.0, 0.5], 0.5, 4, 1, True),
+        ([], 0.5, 4, 4, False),  # it will not become quiet
+    ],
+)
+def test_another_pass_is_taken_for_a_disturbed_one(
+    pressures: list[float],
+    then: float,
+    passes: int,
+    repeats: int,
+    quiet: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(isolate_module, "read", readings(pressures, then))
+    monkeypatch.setattr(Block, "asking", lambda self, arm, again: Asking.nothing(len(self._posed)))
+    options: Any = {"arms": ["cold"], "repeats": 2, "results": tmp_path}
+    rows = replay(fake_recording(), ["right"], **options)
+    assert (rows["repeats"] == repeats).all() and (rows["quiet"] == quiet).all()
+    told = read_passes(tmp_path)
+    assert len(told) == passes and told["pressure"].tolist() == [*pressures, *[then] * 9][:passes]
+    assert (told["disturbed_by"] == "pressure").sum() == passes - (repeats if quiet else 0)
+    again = replay(fake_recording(), ["right"], **options)  # nothing is left to do
+    assert len(read_passes(tmp_path)) == passes and len(again) == len(rows)

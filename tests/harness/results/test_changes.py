@@ -13,6 +13,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from glambda.cli import app
+from harness.machine.unrest import Unrest
 from harness.results.changes import compare_results
 from harness.results.shard_file import TIMES
 from harness.results.store import Shard, ShardKey, Store, StoreError
@@ -43,7 +44,7 @@ def shard(of: ShardKey, seed: int) -> Shard:
     passes = np.empty((3, QPS, len(TIMES)))
     passes[...] = 1e-6 * (1 + np.arange(QPS))[:, None] * rng.lognormal(0, 0.03, passes.shape)
     passes[:, :, TIMES.index("pace")] = 4e-4
-    return Shard(of, rows, passes, "study")
+    return Shard(of, rows, passes, [Unrest()] * 3, "study")
 
 
 Change = Callable[[Shard], Shard | None]
@@ -181,6 +182,15 @@ def test_disturbed_passes_are_left_out(before: Path, tmp_path: Path) -> None:
     changes = compare_results(before, write(tmp_path / "two", 2, disturbed(2)))
     assert changes.disturbed == 2 and "daqp" not in changes.ratios.solvers
     assert changes.regressions == []
+
+    def told(made: Shard) -> Shard:
+        slow = np.concatenate([made.passes, 5.0 * made.passes[:2]])
+        slow[:, :, TIMES.index("pace")] = 4e-4
+        noisy = Unrest(seconds=1.0, steal=0.5)
+        return replace(made, passes=slow, unrest=[*made.unrest, noisy, noisy])
+
+    changes = compare_results(before, write(tmp_path / "three", 2, told))
+    assert changes.disturbed == 0 and changes.regressions == []
 
 
 @pytest.mark.parametrize(

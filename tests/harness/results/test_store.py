@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import errno
+import io
 import json
 import os
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,21 +22,26 @@ import pytest
 from harness.files import whole_files
 from harness.files.folder_lock import ForeignLock, Locked
 from harness.files.json_file import sealed_json
+from harness.files.seal import sealed
+from harness.machine.unrest import Unrest
 from harness.names import NOT_KNOWN
 from harness.recordings.recording import write_recording
-from harness.results.shard_file import summarise
+from harness.results.shard_file import read_shard, shard_bytes, summarise
 from harness.results.store import (
     COLUMNS,
+    PASS_COLUMNS,
     REPEAT_COLUMNS,
     Shard,
     ShardKey,
     Store,
     StoreError,
+    read_passes,
     read_repeats,
     read_results,
     read_spent,
     read_study,
 )
+from tests.endurance.forged_shards import parquet
 from tests.fakes.fake_recordings import fake_recording
 
 ROOT = Path(__file__).parents[3]
@@ -63,7 +69,7 @@ def shard(key: ShardKey = KEY, passes: int = 3) -> Shard:
         }
         for i in range(3)
     ]
-    return Shard(key, rows, TIMES[:passes], "study1")
+    return Shard(key, rows, TIMES[:passes], [Unrest()] * passes, "study1")
 
 
 def test_what_is_saved_is_read(tmp_path: Path) -> None:
@@ -82,22 +88,55 @@ def test_what_is_saved_is_read(tmp_path: Path) -> None:
 
 
 def test_the_fastest_pass_is_kept_whole_and_the_median_beside_it() -> None:
-    out = summarise(TIMES)
+    out = summarise(TIMES, [Unrest()] * 3)
     np.testing.assert_array_equal(out["runtime"], [2.0, 2.0, np.nan])
     np.testing.assert_array_equal(out["runtime_median"], [5.0, 4.0, np.nan])
     np.testing.assert_array_equal(out["call_time"], [4.0, 4.0, np.nan])  # of the same pass
     np.testing.assert_array_equal(out["repeats"], [3, 3, 3])
 
 
+def test_passes_that_were_disturbed_count_where_none_was_quiet(tmp_path: Path) -> None:
+    noisy = Unrest(seconds=1.0, pressure=0.5)
+    out = summarise(TIMES, [noisy, Unrest(), Unrest(steal=0.0)])
+    np.testing.assert_array_equal(out["runtime"], [2.0, 4.0, np.nan])
+    np.testing.assert_array_equal(out["runtime_median"], [5.0, 7.0, np.nan])
+    assert out["repeats"].tolist() == [2, 2, 2] and out["quiet"].all()
+    out = summarise(TIMES, [noisy] * 3)
+    assert out["repeats"].tolist() == [3, 3, 3] and not out["quiet"].any()
+    Store(tmp_path).save(replace(shard(), unrest=[noisy, Unrest(), Unrest(steal=0.0)]))
+    stored = Store(tmp_path).load(KEY)
+    assert stored is not None and stored.unrest[0].as_json() == noisy.as_json()
+    passes = read_passes(tmp_path)
+    assert tuple(passes.columns) == PASS_COLUMNS and passes["pace"].tolist() == [0.1, 0.2, 0.3]
+    assert passes["disturbed_by"].tolist() == ["pressure", "", ""]
+    assert passes["steal"].isna().tolist() == [True, True, False]  # unavailable is not 0
+    assert read_repeats(tmp_path)["quiet"].tolist() == [False, True, True] * 3
+
+
+@pytest.mark.parametrize(
+    "told",
+    [None, [], [[0.0] * 7] * 2, [[0.0] * 6] * 3, [["0"] * 7] * 3, [[True] * 7] * 3, [1] * 3],
+)
+def test_a_shard_that_does_not_tell_of_its_passes_is_refused(tmp_path: Path, told: Any) -> None:
+    path = tmp_path / f"{KEY.name}.parquet"
+    sound = shard_bytes(shard())
+    path.write_bytes(sound)
+    table = pq.ParquetFile(io.BytesIO(sound)).read()
+    path.write_bytes(sealed(parquet(table, {"key": asdict(KEY), "unrest": told})))
+    with pytest.raises(StoreError, match="unrest"):
+        read_shard(path)
+
+
 def test_a_call_that_raised_counts_as_a_whole() -> None:
     times = np.array([[[np.nan, np.nan, np.nan, 0.5, 0.0, 1.0, 0.1]]])
-    assert summarise(times)["runtime"] == [0.5]
+    assert summarise(times, [Unrest()])["runtime"] == [0.5]
 
 
 def test_who_is_charged_no_more_than_was_told_is_believed() -> None:
     told = [1.0, 1.0, 1.0, 4.0, 0.0, 1.0, 0.1]
     unheard = [np.nan, np.nan, np.nan, 4.0, 0.0, np.nan, 0.1]
-    found = summarise(np.array([[told, [*told[:4], 1.5, *told[5:]], unheard, [np.nan] * 7]]))
+    times = np.array([[told, [*told[:4], 1.5, *told[5:]], unheard, [np.nan] * 7]])
+    found = summarise(times, [Unrest()])
     assert found["believed"].tolist() == [True, False, False, False]
     assert found["runtime"][:3].tolist() == [2.0, 3.5, 4.0]
 
@@ -109,7 +148,7 @@ def test_load_gives_back_what_was_saved(tmp_path: Path) -> None:
     loaded = store.load(KEY)
     assert loaded is not None
     np.testing.assert_array_equal(loaded.passes, TIMES[:2])
-    store.save(replace(loaded, passes=TIMES))
+    store.save(replace(loaded, passes=TIMES, unrest=[Unrest()] * 3))
     again = read_results(tmp_path)
     assert again["repeats"].tolist() == [3, 3, 3]
     assert again["verdict"].tolist() == ["verified", "verified", "skipped"]
@@ -542,7 +581,7 @@ def test_long_texts_are_cut_and_whole_letters_kept(tmp_path: Path) -> None:
 
 def test_a_shard_without_rows_is_kept(tmp_path: Path) -> None:
     store = Store(tmp_path)
-    store.save(Shard(KEY, [], np.empty((2, 0, 7))))
+    store.save(Shard(KEY, [], np.empty((2, 0, 7)), [Unrest()] * 2))
     loaded = store.load(KEY)
     assert loaded is not None and loaded.passes.shape == (2, 0, 7) and not len(loaded.rows)
     assert len(read_results(tmp_path)) == len(read_repeats(tmp_path)) == 0

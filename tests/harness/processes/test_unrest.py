@@ -11,10 +11,10 @@ from typer.testing import CliRunner
 
 from glambda.cli import app
 from harness.machine import doctor
-from harness.machine.disturbance import Disturbance, Reading, between, read, stalled
+from harness.machine.unrest import Reading, Unrest, between, read, stalled
 
-QUIET = Disturbance(0.0, 0.0, 0.0, 2.0, 0.0, 1.0)
-NOTHING = Disturbance(nan, nan, nan, nan, nan, nan)
+QUIET = Unrest(2.0, 0.0, 0.0, 0.0, 2.0, 0.0, 1.0)
+NOTHING = Unrest()
 PSI = "some avg10={} avg60=0.00 avg300=0.00 total=5500000\nfull avg10=0.00 total=0\n"
 
 
@@ -30,16 +30,22 @@ def test_what_happened_between_two_readings() -> None:
     before = Reading(10.0, 1.0, 0.0, 4.0, 100.0, 7.0, 512.0, 3000.0)
     after = Reading(12.0, 1.5, 0.0, 4.4, 104.0, 307.0, 4608.0, 2400.0)
     found = between(before, after)
-    assert found == Disturbance(0.25, 0.0, pytest.approx(0.1), 150.0, 4096.0, 0.8)
+    assert found == Unrest(2.0, 0.25, 0.0, pytest.approx(0.1), 150.0, 4096.0, 0.8)
     assert len(found.reasons()) == 5  # all but memory
     assert found.told()["pressure"] == "25.0%"
 
 
 def test_what_is_not_known_is_unavailable_and_no_reason() -> None:
-    assert not QUIET.reasons() and not NOTHING.reasons()
+    assert QUIET.is_quiet and NOTHING.is_quiet and not NOTHING.reasons()
     assert set(NOTHING.told().values()) == {"unavailable"}
     blind = Reading(10.0, nan, nan, nan, nan, nan, nan, nan)
-    assert all(isnan(value) for value in between(blind, blind._replace(time=11.0)))
+    assert all(isnan(value) for value in between(blind, blind._replace(time=11.0))[1:])
+
+
+def test_what_a_counter_is_too_coarse_for_is_no_reason() -> None:
+    short = Unrest(0.2, 0.0, 0.0, 0.05, 49.0, 0.0, 1.0)  # one tick of two cores, and ten switches
+    assert short.is_quiet
+    assert len(short._replace(seconds=2.0, switches=51.0).reasons()) == 2
 
 
 def test_pressure_is_read_where_the_system_has_it(tmp_path: Path) -> None:
@@ -58,7 +64,7 @@ def test_a_system_that_does_not_tell_gives_no_zeros(
     monkeypatch.setattr(psutil.Process, "num_ctx_switches", refuses)
     monkeypatch.setattr(psutil, "swap_memory", refuses)
     monkeypatch.setattr(psutil, "cpu_freq", lambda: None)
-    reading = read(tmp_path)
+    reading = read(root=tmp_path)
     for name in ("pressure", "memory", "switches", "swapped", "frequency"):
         assert isnan(getattr(reading, name)), name
 
