@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from harness.files.plain_files import Unreadable, open_plain
 from harness.files.seal import BLOCK, block, intact, put_seal
 from harness.machine.memory import available_memory
-from harness.recordings.layout import FIELDS, check_lengths
+from harness.recordings.layout import OF_SPACE, check_lengths, fields_of
 
 FORMAT = "glambda recording"
 VERSION = 3
@@ -51,7 +51,7 @@ Wrong = Callable[[str, str], RecordingError]
 
 
 class Stored(NamedTuple):
-    """What a file holds: attributes by name, arrays as in `FIELDS`, the stepper's counts."""
+    """What a file holds: attributes by name, arrays as in `fields_of`, the stepper's counts."""
 
     attributes: Mapping[str, Any]
     arrays: Mapping[str, NDArray[Any]]
@@ -62,7 +62,7 @@ def file_bytes(stored: Stored) -> bytes:
     """The content of the file, sealed.  The same content makes the same bytes."""
     buffer = io.BytesIO()
     with h5py.File(buffer, "w", track_order=False, userblock_size=BLOCK) as file:
-        for name, field in FIELDS.items():
+        for name, field in fields_of(stored.arrays).items():
             dataset = file.create_dataset(name, data=stored.arrays[name], track_times=False)
             dataset.attrs["meaning"] = field.meaning
             dataset.attrs["unit"] = field.unit
@@ -130,9 +130,9 @@ def _read_counts(file: h5py.File, wrong: Wrong) -> dict[str, int]:
 
 
 def _read_arrays(file: h5py.File, wrong: Wrong) -> dict[str, NDArray[Any]]:
-    """All arrays of `FIELDS`, once their places, types and sizes are known to be sound."""
+    """All arrays (`fields_of`), once their places, types and sizes are known to be sound."""
     datasets: dict[str, h5py.Dataset] = {}
-    for name, field in FIELDS.items():
+    for name, field in fields_of(OF_SPACE if "space" in file else ()).items():
         group, _, member = name.partition("/")
         dataset = _member(_member(file, group, h5py.Group, wrong), member, h5py.Dataset, wrong)
         kind = "S" if dataset.dtype.kind == "S" else dataset.dtype.str

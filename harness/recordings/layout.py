@@ -1,6 +1,7 @@
 """The arrays of a recording file: their names, types, units and sizes, and both ways through.
 
-1. `FIELDS` is the table of all datasets; the file carries the same words as attributes.
+1. `FIELDS` is the table of all datasets, but for those of bodies in space (`OF_SPACE`), which only
+   a file with such bodies holds; the file carries the same words as attributes.
 2. `pack` joins the quantities of all QPs into flat arrays, in solve order.
 3. `check_lengths` tells from the few small arrays of sizes how long every other must be.
 4. `unpack` cuts the flat arrays up again; the types `ContactQP` and `Solution` check the values.
@@ -10,7 +11,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import fields
 from typing import Any, NamedTuple
 
@@ -19,6 +20,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from problems.qp import FEATURE_FIELDS, ContactQP, Solution, Status, WorkCounts
+from problems.space.solids import Solid
 
 WORK = tuple(entry.name for entry in fields(WorkCounts))
 
@@ -81,9 +83,43 @@ FIELDS: dict[str, Field] = {
     "events/kind": Field("S", (), "", "impulse, slide_off, slip_to_stick, ..."),
     "events/detail": Field("S", (), "", "what happened to which contact"),
 }
-"""Every dataset of a file."""
+"""Every dataset of a file, …"""
+
+OF_SPACE: dict[str, Field] = {
+    "space/solids": Field("<f8", (8,), "kg, kg m^2, m", "mass, moments, sides, radius of each"),
+    "space/poses": Field("<f8", ("solids", 7), "m, 1", "centre and attitude (w, x, y, z) of each"),
+    "space/velocities": Field("<f8", ("solids", 6), "m/s, rad/s", "velocities of each"),
+    "space/reactions": Field("<f8", ("solids", 6), "N, N m", "G lambda, all constraint forces"),
+}
+"""… and those of one whose bodies move in space."""
 
 MAY_BE_INFINITE = {"qps/lower", "qps/upper", "references/error_bound"}
+
+
+class SpaceMotion(NamedTuple):
+    """How bodies in space have moved, at the accepted steps.
+
+    solids : (s, 8) mass [kg], principal moments [kg·m²], sides of a box and radius of a ball [m]
+    poses : (n, s, 7) centre [m] and attitude;  velocities : (n, s, 6) [m/s, rad/s]
+    reactions : (n, s, 6) G λ [N, N·m]
+    """
+
+    solids: NDArray[np.float64]
+    poses: NDArray[np.float64]
+    velocities: NDArray[np.float64]
+    reactions: NDArray[np.float64]
+
+    def bodies(self) -> tuple[Solid, ...]:
+        """The bodies.  Raises ValueError for numbers that no body has."""
+        return tuple(
+            Solid(mass, (x, y, z), radius, (a, b, c))
+            for mass, x, y, z, a, b, c, radius in self.solids.tolist()
+        )
+
+
+def fields_of(names: Container[str]) -> dict[str, Field]:
+    """The datasets of a file that holds these, or should."""
+    return FIELDS | (OF_SPACE if any(name in names for name in OF_SPACE) else {})
 
 
 def check_lengths(
@@ -120,10 +156,13 @@ def check_lengths(
     for name in ("solutions/x", "solutions/working_set", "references/x"):
         sizes[name] = sum(k)
     steps, events = arrays["motion/t"].shape[0], arrays["events/t"].shape[0]
-    for name, field in FIELDS.items():
-        group = name.partition("/")[0]
-        default = {"motion": steps, "events": events, "bodies": bodies}.get(group, n)
-        columns = tuple(bodies if c == "bodies" else c for c in field.columns)
+    solids = arrays["space/solids"].shape[0] if "space/solids" in arrays else 0
+    sizes["space/solids"] = solids
+    defaults = {"motion": steps, "space": steps, "events": events, "bodies": bodies}
+    for name, field in fields_of(arrays).items():
+        default = defaults.get(name.partition("/")[0], n)
+        named = {"bodies": bodies, "solids": solids}
+        columns = tuple(named[c] if isinstance(c, str) else c for c in field.columns)
         expected = (sizes.get(name, default), *columns)
         if arrays[name].shape != expected:
             raise wrong(name, f"has shape {arrays[name].shape}; the sizes ask for {expected}")
@@ -207,11 +246,13 @@ def pack(recording: Any) -> dict[str, NDArray[Any]]:
             ],
             "<f8",
         )
+    if recording.space is not None:
+        out |= zip(OF_SPACE, recording.space, strict=True)
     return {
         name: _texts(out[name])
         if field.dtype == "S"
         else np.ascontiguousarray(out[name], dtype=field.dtype)
-        for name, field in FIELDS.items()
+        for name, field in fields_of(out).items()
     }
 
 
@@ -241,8 +282,9 @@ def unpack(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
         tuple(take("bodies/corners", next(sizes)) for _ in range(count))
         for count in arrays["bodies/polygon_count"].tolist()
     )
-    for name in ("motion/t", "motion/q", "motion/v"):
-        arrays[name].setflags(write=False)
+    moving = [arrays[name] for name in OF_SPACE if name in arrays]
+    for array in (arrays["motion/t"], arrays["motion/q"], arrays["motion/v"], *moving):
+        array.setflags(write=False)
     return {
         "qps": qps,
         "solutions": solutions,
@@ -252,12 +294,21 @@ def unpack(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
         "t": arrays["motion/t"],
         "q": arrays["motion/q"],
         "v": arrays["motion/v"],
+        "space": _in_space(moving) if moving else None,
         "events": list(
             zip(
                 arrays["events/t"].tolist(), text["events/kind"], text["events/detail"], strict=True
             )
         ),
     }
+
+
+def _in_space(moving: Sequence[NDArray[Any]]) -> SpaceMotion:
+    motion = SpaceMotion(*moving)
+    motion.bodies()
+    if (np.abs(np.linalg.norm(motion.poses[:, :, 3:], axis=2) - 1) > 1e-6).any():
+        raise ValueError("space/poses holds an attitude that is not of unit length")
+    return motion
 
 
 def _unpack_qp(take: _Reader, arrays: Mapping[str, NDArray[Any]], kind: str, i: int) -> ContactQP:

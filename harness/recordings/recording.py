@@ -46,7 +46,13 @@ from numpy.typing import NDArray
 
 from harness.files.whole_files import write_whole
 from harness.recordings.file import HEADER, RecordingError, Stored, file_bytes, read_file
-from harness.recordings.layout import MAY_BE_INFINITE, check_lengths, pack, unpack
+from harness.recordings.layout import (
+    MAY_BE_INFINITE,
+    SpaceMotion,
+    check_lengths,
+    pack,
+    unpack,
+)
 from problems.qp import AT_LOWER, AT_UPPER, FREE, PASSIVE, ContactQP, Solution, Vector
 from problems.short import Short
 from problems.stepping.run import Event
@@ -100,6 +106,7 @@ class Recording(Short):
         one of one corner, (radius, 0), an ellipse one of two, (a, 0) and (0, b)
     t : (n,), q, v : (n, bodies, 3)   the accepted steps
     events : `Event`s in order of time;  counts : the stepper's work counts
+    space : how its bodies have moved where they do in space, and q and v hold none
     """
 
     scene: str
@@ -117,6 +124,7 @@ class Recording(Short):
     v: Vector
     events: Sequence[Event]
     counts: Mapping[str, int]
+    space: SpaceMotion | None = None
 
     def _title(self) -> str:
         return self.scene
@@ -124,7 +132,7 @@ class Recording(Short):
     def _sizes(self) -> dict[str, Any]:
         return {
             **({"t": f"{self.t[-1]:.4g} s"} if len(self.t) else {}),
-            "bodies": len(self.polygons),
+            "bodies": len(self.polygons if self.space is None else self.space.solids),
             "QPs": len(self.qps),
             "references": sum(each is not None for each in self.references),
             "events": len(self.events),

@@ -15,9 +15,11 @@ from harness.machine.machine import problems_version
 from harness.names import METHOD
 from harness.processes.introduction import solver_version
 from harness.progress import Progress
+from harness.recordings.layout import SpaceMotion
 from harness.recordings.recording import Recording
 from problems import simulate
 from problems.qp import TANGENT, ContactQP, Vector
+from problems.space.run import SpaceRun
 from problems.stepping.run import Event
 from solvers import make_solver
 
@@ -98,7 +100,13 @@ def recording_of(
         v=run.v,
         events=tuple(Event(float(e.t), str(e.kind), str(e.detail)) for e in run.event_log),
         counts={name: int(count) for name, count in run.counts.items()},
+        space=_in_space(run) if isinstance(run, SpaceRun) else None,
     )
+
+
+def _in_space(run: SpaceRun) -> SpaceMotion:
+    solids = [[s.mass, *s.inertia, *s.sides, s.radius] for s in run.scene.solids]
+    return SpaceMotion(np.array(solids), run.poses, run.velocities, run.reactions)
 
 
 def _friction_coefficients(scene: Any, qp: ContactQP) -> Vector:

@@ -19,11 +19,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from problems.space.run import SpaceRun
 from reports.motions.film import FPS, PIXELS, film
 from reports.motions.motion import Array, Motion, frame_times, motion_of
 from reports.motions.network import animate_network, is_network, plot_network
-from reports.motions.space import animate_space, plot_space
+from reports.motions.space import View, animate_space, plot_space
 from reports.parts.style import BODIES, FAINT, INK, PAGE_WIDTH, SOFT, drawing, save
 
 if TYPE_CHECKING:
@@ -92,8 +91,8 @@ def plot_scene(
 
     Returns the path.  Raises ValueError where there is nothing to draw.
     """
-    if isinstance(source, SpaceRun):
-        return plot_space(source, path, frames=frames, times=times)
+    if (view := View.of(source)) is not None:
+        return plot_space(view, path, frames=frames, times=times)
     if is_network(source):
         return plot_network(source, path)
     motion = motion_of(source)
@@ -187,8 +186,8 @@ def animate_scene(
     path = Path(path)
     if not speed > 0:
         raise ValueError(f"speed = {speed}; it must be positive")
-    if isinstance(source, SpaceRun):
-        return animate_space(source, path, fps, speed, pixels)
+    if (view := View.of(source)) is not None:
+        return animate_space(view, path, fps, speed, pixels)
     if is_network(source):
         return animate_network(source, path, fps, pixels)
     motion = motion_of(source)

@@ -106,7 +106,7 @@ def motion_of(source: Any) -> Motion:
     t, q, v = (np.asarray(getattr(source, name), float) for name in ("t", "q", "v"))
     if hasattr(source, "polygons"):
         label, polygons = str(source.scene), source.polygons
-        made = _made_again(label, source.parameters)
+        made = made_again(label, source.parameters)
     else:
         label, polygons = str(source.scene.label), [body.polygons for body in source.scene.bodies]
         made = source.scene
@@ -124,7 +124,7 @@ def _links(acting: Sequence[Any]) -> list[Link]:
     ]
 
 
-def _made_again(label: str, parameters: Mapping[str, Any]) -> Scene | None:
+def made_again(label: str, parameters: Mapping[str, Any]) -> Scene | None:
     """The scene of a recording, which keeps no ground and forces; None if it is not known here."""
     own = {name: value for name, value in parameters.items() if not name.startswith("run.")}
     try:

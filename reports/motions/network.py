@@ -56,6 +56,8 @@ class Trace:
 
 def is_network(source: Any) -> bool:
     """Whether a run or a recording is of a network and not of bodies."""
+    if getattr(source, "space", None) is not None:
+        return False
     return isinstance(source, NetworkRun) or len(getattr(source, "polygons", [()])) == 0
 
 

@@ -4,7 +4,8 @@
 2. From stored rows, where there are some: its rank and the iterations of every backend.
 3. Events as marks on the time line.
 
-All of it is JSON in the page, rounded to `DIGITS`; `player.js` draws it.
+All of it is JSON in the page, rounded to `DIGITS`; `player.js` draws it, and `player_space.js` what
+moves in space.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import pandas as pd
 from reports.motions.contact_forces import IMPULSE, Force, forces, qps_of_frames
 from reports.motions.frames import window_of
 from reports.motions.motion import Link, Motion, frame_times, motion_of
+from reports.motions.space import AZIMUTH, ELEVATION, Stage, View, half_sides
 from reports.parts.style import BODIES
 from reports.parts.table import write_text
 from reports.parts.templates import environment_of, inlined
@@ -43,12 +45,14 @@ def write_player(
     """
     data = player_data(recording, rows)
     environment = environment_of()
+    scripts = ["player_space.js", "player.js"] if "space" in data else ["player.js"]
     page = environment.get_template("player.html.j2").render(
         scene=data["scene"],
         home=home,
         left_out=data["left_out"],
         aspect=_aspect(*data["window"]),
-        **inlined(environment, style=["page.css", "player.css"], script=["player.js"]),
+        space="space" in data,
+        **inlined(environment, style=["page.css", "player.css"], script=scripts),
         data=data,
     )
     return write_text(Path(path), page + "\n")
@@ -61,27 +65,59 @@ def _aspect(left: float, right: float, bottom: float, top: float) -> str:
 
 def player_data(recording: Any, rows: pd.DataFrame | None = None) -> dict[str, Any]:
     """What the player shows, as JSON has it."""
-    motion = motion_of(recording)
-    kept = _kept(len(motion.t), len(motion.polygons))
+    view = View.of(recording)
+    bodies = len(recording.polygons) if view is None else len(view.solids)
+    kept = _kept(len(recording.t), bodies)
     numbers = np.array(qps_of_frames(recording))[kept]
+    if view is None:
+        shown = _in_the_plane(recording, kept, numbers)
+    else:
+        shown = _in_space(view, kept)
+    return {
+        "scene": str(recording.scene),
+        "left_out": len(recording.t) - len(kept),
+        "colours": BODIES,
+        **shown,
+        "t": [float(t) for t in recording.t[kept]],
+        "qps": [_qp(recording, int(n)) for n in numbers],
+        "events": [[float(e.t), str(e.kind), str(e.detail)] for e in recording.events],
+        **_work(rows, numbers),
+    }
+
+
+def _in_the_plane(recording: Any, kept: np.ndarray, numbers: np.ndarray) -> dict[str, Any]:
+    """Bodies, what connects them, and the forces at their corners."""
+    motion = motion_of(recording)
     window = window_of(motion, [motion.pose(t) for t in frame_times(motion, 40)])
     found = [_forces(recording, motion, i, n) for i, n in zip(kept, numbers, strict=True)]
     return {
-        "scene": motion.label,
-        "left_out": len(motion.t) - len(kept),
-        "colours": BODIES,
         "window": _short([window.left, window.right, window.bottom, window.top]),
         "parts": [[_short(part) for part in parts] for parts in motion.polygons],
         "springs": _ends(motion.springs),
         "bars": _ends(motion.bars),
         "ground": [_short([*point, *normal]) for point, normal in motion.ground],
-        "t": [float(t) for t in motion.t[kept]],
         "q": [_short(q.ravel()) for q in motion.q[kept]],
-        "qps": [_qp(recording, int(n)) for n in numbers],
         "forces": [[_entry(force) for force in each] for each in found],
         "largest": _short(_largest(found)),
-        "events": [[float(e.t), str(e.kind), str(e.detail)] for e in recording.events],
-        **_work(rows, numbers),
+    }
+
+
+def _in_space(view: View, kept: np.ndarray) -> dict[str, Any]:
+    """Bodies as boxes and balls, and the sum of the forces on each."""
+    stage = Stage.of(view, view.t[np.linspace(0, len(view.t) - 1, 40).round().astype(int)])
+    sizes = np.linalg.norm(view.reactions[:, :, :3], axis=2)
+    return {
+        "window": _short(stage.limits.ravel()),
+        "space": {
+            "solids": [_short([*half_sides(solid), solid.radius]) for solid in view.solids],
+            "pins": [[pin.body, *_short(pin.point)] for pin in view.pins],
+            "lines": [_short(line.ravel()) for line in stage.lines],
+            "eye": [AZIMUTH, ELEVATION],
+            "middle": _short(view.poses[:, :, :3].mean(axis=(0, 1))),
+        },
+        "q": [_short(q.ravel()) for q in view.poses[kept]],
+        "forces": [_short(forces[:, :3]) for forces in view.reactions[kept]],
+        "largest": _short(float(np.percentile(sizes[sizes > 0], 98)) if sizes.any() else 1.0),
     }
 
 

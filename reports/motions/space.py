@@ -9,16 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from problems.space.attitude import rotations
 from problems.space.run import SpaceRun
-from problems.space.scene import Plane
+from problems.space.scene import Pin, Plane, SpaceScene
 from problems.space.solids import SIGNS, Solid
 from reports.motions.film import film
+from reports.motions.motion import made_again
 from reports.parts.style import BODIES, FAINT, INK, PAGE_WIDTH, drawing, save
 
 if TYPE_CHECKING:
@@ -39,6 +40,37 @@ CAPTION, TITLE = 0.2, 0.3
 """Heights of a frame's time and of the title [in]."""
 
 
+class View(NamedTuple):
+    """What is seen of a run or a recording.
+
+    t : (n,) [s];  poses : (n, bodies, 7);  reactions : (n, bodies, 6) G λ [N, N·m]
+    planes, pins : none where the scene of a recording is not known
+    """
+
+    label: str
+    t: Array
+    poses: Array
+    reactions: Array
+    solids: Sequence[Solid]
+    planes: Sequence[Plane] = ()
+    pins: Sequence[Pin] = ()
+
+    @classmethod
+    def of(cls, source: Any) -> View | None:
+        """That of a `SpaceRun` or a `Recording`; None where no bodies move in space."""
+        if isinstance(source, SpaceRun):
+            scene: Any = source.scene
+            label, moved, solids = scene.label, source, scene.solids
+        elif getattr(source, "space", None) is not None:
+            scene = made_again(source.scene, source.parameters)
+            label, moved, solids = source.scene, source.space, source.space.bodies()
+        else:
+            return None
+        known = isinstance(scene, SpaceScene)
+        held = (scene.planes, scene.pins) if known else ((), ())
+        return cls(label, source.t, moved.poses, moved.reactions, solids, *held)
+
+
 class Piece(NamedTuple):
     """A filled polygon, or a line, of points (c, 3)."""
 
@@ -56,71 +88,73 @@ def eye() -> Array:
 
 
 def plot_space(
-    run: SpaceRun,
+    view: View,
     path: str | Path,
     *,
     frames: int = 6,
     times: Sequence[float] | None = None,
 ) -> Path:
-    """Draw frames of a run (.png, .svg or .pdf); the options are those of `plot_scene`."""
-    wanted = np.linspace(run.t[0], run.t[-1], frames) if times is None else np.asarray(times, float)
+    """Draw frames of a motion (.png, .svg or .pdf); the options are those of `plot_scene`."""
+    wanted = (
+        np.linspace(view.t[0], view.t[-1], frames) if times is None else np.asarray(times, float)
+    )
     if wanted.size == 0:
         raise ValueError("times is empty; give at least one, or leave it out")
-    stage, columns = Stage.of(run, wanted), min(ACROSS, wanted.size)
+    stage, columns = Stage.of(view, wanted), min(ACROSS, wanted.size)
     width = PAGE_WIDTH / columns
     height = width * stage.aspect + CAPTION
     rows = -(-wanted.size // columns)
     total = rows * height + TITLE
     with drawing() as Figure:
         figure = Figure(figsize=(PAGE_WIDTH, total))
-        figure.text(0.0, 1 - 0.07 / total, run.scene.label, va="top", weight="bold", size=10)
+        figure.text(0.0, 1 - 0.07 / total, view.label, va="top", weight="bold", size=10)
         for number, time in enumerate(wanted):
             row, column = divmod(number, columns)
             bottom = 1 - (TITLE + (row + 1) * height) / total
             place = column / columns, bottom + CAPTION / total
             axes = figure.add_axes((*place, 1 / columns, (height - CAPTION) / total))
-            _draw(axes, run, float(time), stage)
+            _draw(axes, view, float(time), stage)
             middle = (column + 0.5) / columns
             figure.text(middle, bottom + CAPTION / total, f"{time:.4f} s", ha="center", va="top",
                         size=8)  # fmt: skip
         return save(figure, Path(path))
 
 
-def animate_space(run: SpaceRun, path: Path, fps: int, speed: float, pixels: int) -> Path:
-    """Write the motion of a run as a film; the options are those of `animate_scene`."""
-    length = float(run.t[-1] - run.t[0])
-    times = np.linspace(run.t[0], run.t[-1], max(2, 1 + round(length / speed * fps)))
-    stage = Stage.of(run, times)
+def animate_space(view: View, path: Path, fps: int, speed: float, pixels: int) -> Path:
+    """Write a motion as a film; the options are those of `animate_scene`."""
+    length = float(view.t[-1] - view.t[0])
+    times = np.linspace(view.t[0], view.t[-1], max(2, 1 + round(length / speed * fps)))
+    stage = Stage.of(view, times)
     with drawing() as Figure:
         figure = Figure(figsize=(5.0, 5.0 * stage.aspect))
         axes = figure.add_axes((0, 0, 1, 1))
         with film(figure, path, fps, pixels) as take:
             for time in times:
                 axes.clear()
-                _draw(axes, run, float(time), stage)
+                _draw(axes, view, float(time), stage)
                 take()
     return path
 
 
-def _pose(run: SpaceRun, t: float) -> Array:
+def _pose(view: View, t: float) -> Array:
     """(bodies, 7) of the accepted step nearest to t."""
-    return np.asarray(run.poses[int(np.argmin(np.abs(run.t - t)))])
+    return np.asarray(view.poses[int(np.argmin(np.abs(view.t - t)))])
 
 
 class Stage(NamedTuple):
-    """What all pictures of a run share: limits [[left, right], [bottom, top]] [m], and planes as
+    """What all pictures of a motion share: limits [[left, right], [bottom, top]] [m], and planes as
     lines (2, 3)."""
 
     limits: Array
     lines: list[Array]
 
     @classmethod
-    def of(cls, run: SpaceRun, times: Array) -> Stage:
-        every = np.concatenate([_points(run, _pose(run, float(t))) for t in times])
+    def of(cls, view: View, times: Array) -> Stage:
+        every = np.concatenate([_points(view, _pose(view, float(t))) for t in times])
         seen = every @ eye()[:2].T
         low, high = seen.min(axis=0), seen.max(axis=0)
         margin = 0.08 * (high - low).max()
-        lines = [line for plane in run.scene.planes for line in _grid(plane, every)]
+        lines = [line for plane in view.planes for line in _grid(plane, every)]
         return cls(np.column_stack([low - margin, high + margin]), lines)
 
     @property
@@ -130,47 +164,51 @@ class Stage(NamedTuple):
         return float(np.clip(height / width, 0.3, 1.5))
 
 
-def _points(run: SpaceRun, pose: Array) -> Array:
+def _points(view: View, pose: Array) -> Array:
     """(c, 3) that enclose all bodies and what holds them."""
-    boxes = [_corners(solid, row) for solid, row in zip(run.scene.solids, pose, strict=True)]
-    return np.concatenate([*boxes, *_held(run, pose)])
+    boxes = [_corners(solid, row) for solid, row in zip(view.solids, pose, strict=True)]
+    return np.concatenate([*boxes, *_held(view, pose)])
+
+
+def half_sides(solid: Solid) -> Array:
+    """(3,) of a box, of that which encloses a ball, or of that with the same moments [m]."""
+    if solid.radius:
+        return np.full(3, solid.radius)
+    if solid.is_box:
+        return 0.5 * np.array(solid.sides)
+    x, y, z = solid.inertia
+    return np.sqrt(1.5 / solid.mass * np.maximum([y + z - x, x + z - y, x + y - z], 1e-3 * x))
 
 
 def _corners(solid: Solid, row: Array) -> Array:
-    """(8, 3) of a box, of that which encloses a ball, or of that with the same moments."""
-    if solid.radius:
-        half = np.full(3, solid.radius)
-    elif solid.is_box:
-        half = 0.5 * np.array(solid.sides)
-    else:
-        x, y, z = solid.inertia
-        half = np.sqrt(1.5 / solid.mass * np.maximum([y + z - x, x + z - y, x + y - z], 1e-3 * x))
+    """(8, 3) of the box of `half_sides`."""
+    half = half_sides(solid)
     R = rotations(row[None, 3:])[0]
     moved: Array = row[:3] + (SIGNS * half) @ R.T
     return moved
 
 
-def _held(run: SpaceRun, pose: Array) -> list[Array]:
+def _held(view: View, pose: Array) -> list[Array]:
     """Lines from pins to the centres of their bodies, (2, 3) each."""
     R = rotations(pose[:, 3:])
     return [
         np.array([pose[pin.body, :3] + R[pin.body] @ pin.point, pose[pin.body, :3]])
-        for pin in run.scene.pins
+        for pin in view.pins
     ]
 
 
-def _draw(axes: Axes, run: SpaceRun, t: float, stage: Stage) -> None:
+def _draw(axes: Axes, view: View, t: float, stage: Stage) -> None:
     """One frame."""
-    pose, (right, up, towards) = _pose(run, t), eye()
-    view = np.column_stack([right, up])
+    pose, (right, up, towards) = _pose(view, t), eye()
+    onto = np.column_stack([right, up])
     for line in stage.lines:
-        axes.plot(*(line @ view).T, color=FAINT, linewidth=0.6, zorder=0)
+        axes.plot(*(line @ onto).T, color=FAINT, linewidth=0.6, zorder=0)
     pieces: list[Piece] = []
-    for body, (solid, row) in enumerate(zip(run.scene.solids, pose, strict=True)):
+    for body, (solid, row) in enumerate(zip(view.solids, pose, strict=True)):
         pieces += _pieces(solid, row, BODIES[body % len(BODIES)], towards)
-    pieces += [Piece(line, None, float((line @ towards).mean())) for line in _held(run, pose)]
+    pieces += [Piece(line, None, float((line @ towards).mean())) for line in _held(view, pose)]
     for order, piece in enumerate(sorted(pieces, key=lambda piece: piece.depth), start=1):
-        flat = piece.points @ view
+        flat = piece.points @ onto
         if piece.colour is None:
             axes.plot(*flat.T, color=INK, linewidth=0.8, zorder=order)
         else:

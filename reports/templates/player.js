@@ -107,13 +107,17 @@ function drawForce(to, [, x, y, fx, fy, state]) {
   pen.arc(px, py, 2.5 * devicePixelRatio, 0, 7);
   pen.fill();
   if (size < 1e-6) return;
-  const length = 0.2 * canvas.height * Math.min(size, 1.5), angle = Math.atan2(-fy, fx);
+  const dash = state === 0 ? [5 * devicePixelRatio, 3 * devicePixelRatio] : [];
+  drawArrow(px, py, Math.atan2(-fy, fx), 0.2 * canvas.height * Math.min(size, 1.5), dash);
+}
+
+function drawArrow(x, y, angle, length, dash) {
   const tip = Math.min(8 * devicePixelRatio, length);
   pen.save();
-  pen.translate(px, py);
+  pen.translate(x, y);
   pen.rotate(angle);
   pen.lineWidth = 2 * devicePixelRatio;
-  pen.setLineDash(state === 0 ? [5 * devicePixelRatio, 3 * devicePixelRatio] : []);
+  pen.setLineDash(dash);
   path([[0, 0], [length - tip, 0]], false);
   pen.stroke();
   path([[length, 0], [length - tip, tip / 2], [length - tip, -tip / 2]]);
@@ -128,6 +132,7 @@ function drawPicture() {
   pen.font = `bold ${11 * devicePixelRatio}px sans-serif`;
   pen.textAlign = "center";
   pen.textBaseline = "middle";
+  if (data.space) return drawSpace(to, q);
   drawGround(to);
   for (const spring of data.springs) drawLink(to, spring, q, ink.soft);
   for (let body = 0; body < data.parts.length; body++) drawBody(to, body, q.slice(3 * body, 3 * body + 3));
@@ -278,6 +283,7 @@ function resize() {
 
 function drag(event) {
   if (!event.buttons) return;
+  if (data.space) return turn(event);
   jump(time + (event.movementX / canvas.clientWidth) * (data.t[last] - data.t[0]));
 }
 
