@@ -16,6 +16,7 @@ from typing import Literal
 
 import psutil
 
+from harness.machine.awake import DEVICE, awake
 from harness.machine.calibration import calibrate, clock_facts
 from harness.machine.threads import VARIABLES, threads_asked_for
 from harness.machine.unrest import ROOT
@@ -55,6 +56,7 @@ def examine(root: Path = ROOT) -> list[Finding]:
     """All checks.  root : where /proc and /sys are"""
     checks: Sequence[Callable[[Path], Finding]] = (
         frequency,
+        sleep,
         load,
         pressure,
         cores,
@@ -83,6 +85,23 @@ def frequency(root: Path = ROOT) -> Finding:
     return Finding(
         "frequency", "wrong", f"scaled by {', '.join(sorted(governors))}",
         "sudo cpupower frequency-set -g performance",
+    )  # fmt: skip
+
+
+def sleep(root: Path = ROOT) -> Finding:
+    """Whether processors may be kept from falling asleep between two solves."""
+    device = root / DEVICE.relative_to("/")
+    if not device.exists():
+        return Finding(
+            "sleep", "unknown", f"unavailable: there is no {DEVICE}",
+            "short solves may be timed on a processor that has just woken up",
+        )  # fmt: skip
+    with awake(device) as kept:
+        if kept:
+            return Finding("sleep", "good", "processors are kept awake between solves")
+    return Finding(
+        "sleep", "wrong", "processors fall asleep between solves, which makes short ones longer",
+        f"sudo chmod a+rw {DEVICE}, or run as root",
     )  # fmt: skip
 
 

@@ -8,7 +8,8 @@ For each recording and each accuracy setting:
    machine drifts for all.  Each pass has a process of its own (`harness.processes.isolate`), which
    is warmed up before.  A run whose pass takes more than `slow_pass` seconds is not repeated, nor
    is one that has cost a process.  For a pass that something else on the machine has disturbed
-   (`harness.machine.unrest`) another is taken, at most as many more as there are repeats.
+   (`harness.machine.unrest`) another is taken, at most as many more as there are repeats.  The
+   processors are kept awake meanwhile, where that is allowed (`harness.machine.awake`).
 4. Every pass is judged: a row is that of its worst.  What a solver tells of its times is held
    against what is seen of them (`harness.passes.clocks`).  Every finished pass is stored at once.
 5. In the end every shard is what was stored; one that somebody has altered is written anew.
@@ -21,16 +22,18 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from harness.judging.facts import Facts, facts_of, setting_name, setting_names
 from harness.judging.judge import Judgement, judge
+from harness.machine.awake import AWAKE, awake
 from harness.machine.calibration import calibrate
 from harness.machine.machine import machine_label
 from harness.passes.clocks import Asking, counted
@@ -165,37 +168,73 @@ def replay(
     if strangers:
         raise ValueError(f"again: {', '.join(strangers)} is not among the solvers that are asked")
     store = Store(results)
+    given = [Path(each) for each in recordings if not isinstance(each, Recording)]
+    hidden = [store.folder / "recordings", store.folder / "solves", *given]
     limits = Limits(time_limit, memory_limit)
-    blocks = [
-        (recording, setting, _runs(store, recording, solvers, setting, arms, limits, again))
-        for recording in loaded
-        for setting in settings
-    ]
-    store.refuse_mixture((run.key for _, _, runs in blocks for run in runs), again)
-    total = sum(len(recording.qps) * len(runs) * repeats for recording, _, runs in blocks)
+    with awake() if timed else nullcontext(False) as is_awake:
+        where = machine_label() + (AWAKE if is_awake else "")
+        blocks = [
+            (
+                recording,
+                setting,
+                _runs(store, recording, solvers, setting, arms, limits, again, where),
+            )
+            for recording in loaded
+            for setting in settings
+        ]
+        store.refuse_mixture((run.key for _, _, runs in blocks for run in runs), again)
+        how = How(repeats, slow_pass, limits, hidden, study, isolate, timed)
+        _take_passes(store, blocks, how, progress)
+    return read_results(results)
+
+
+class How(NamedTuple):
+    """How passes are taken, as `replay` is told.
+
+    hidden : what no solver may read
+    """
+
+    repeats: int
+    slow_pass: float
+    limits: Limits
+    hidden: list[Path]
+    study: str
+    isolate: bool
+    timed: bool
+
+
+def _take_passes(
+    store: Store,
+    blocks: Sequence[tuple[Recording, str, list[StoredRun]]],
+    how: How,
+    progress: Progress | None,
+) -> None:
+    """Take and store all passes that are left, and see to it that what is stored stays so.
+
+    blocks : recordings at settings, with their runs
+    """
+    total = sum(len(recording.qps) * len(runs) * how.repeats for recording, _, runs in blocks)
     counter = _Counter(total, progress)
     facts: dict[str, list[Facts]] = {}
     clock = time.perf_counter
-    hidden = [store.folder / "recordings", store.folder / "solves"]
-    hidden += [Path(given) for given in recordings if not isinstance(given, Recording)]
     for recording, setting, runs in blocks:
         store.add_recording(recording)
-        if all(is_done(run.shard, repeats, slow_pass) for run in runs):
-            counter.add("", len(recording.qps) * len(runs) * repeats)
+        if all(is_done(run.shard, how.repeats, how.slow_pass) for run in runs):
+            counter.add("", len(recording.qps) * len(runs) * how.repeats)
             continue
         spent = dict.fromkeys(SPENT, 0.0)
         spent["replaying"] -= clock()
         if recording.digest not in facts:
             facts[recording.digest] = [facts_of(qp) for qp in recording.qps]
-        who = executor() if isolate and is_available() else ""
-        judged = _Judged(recording, setting, facts[recording.digest], study, who)
-        block = Block(recording, judged.asked, limits, hidden, isolate, timed)
-        for turn in range(2 * repeats):
+        who = executor() if how.isolate and is_available() else ""
+        judged = _Judged(recording, setting, facts[recording.digest], how.study, who)
+        block = Block(recording, judged.asked, how.limits, how.hidden, how.isolate, how.timed)
+        for turn in range(2 * how.repeats):
             asked_in_this: set[str] = set()
             for run in runs:
                 before = counter.done
-                if run.passes <= turn and not is_done(run.shard, repeats, slow_pass):
-                    pace = calibrate() if timed else np.nan
+                if run.passes <= turn and not is_done(run.shard, how.repeats, how.slow_pass):
+                    pace = calibrate() if how.timed else np.nan
                     spent["in_passes"] -= clock()
                     arm = run.task.arm
                     asking = block.asking(arm, again=arm not in asked_in_this)
@@ -203,14 +242,14 @@ def replay(
                     if run.about.broken:
                         done = judged.none(run.about.reason)
                     else:
-                        told = [partial(counter.add, run.key.name)] if turn < repeats else []
+                        told = [partial(counter.add, run.key.name)] if turn < how.repeats else []
                         done = block.do_pass(run.task, *told)
                     spent["in_passes"] += clock()
                     if run.shard is None or done.is_final:
                         run.shard = judged.add(run, done, asking, pace)
                         store.save(run.shard)
                         spent["in_calls"] += float(np.nansum(run.shard.passes[-1, :, CALL]))
-                if turn < repeats:
+                if turn < how.repeats:
                     counter.add(run.key.name, before + len(recording.qps) - counter.done)
         spent["replaying"] += clock()
         store.add_spent(spent)
@@ -218,7 +257,6 @@ def replay(
         for run in runs:
             if run.shard is not None:
                 store.mend(run.shard)
-    return read_results(results)
 
 
 def reproduce(
@@ -378,6 +416,7 @@ def _runs(
     arms: Sequence[str],
     limits: Limits,
     again: Sequence[str],
+    machine: str,
 ) -> list[StoredRun]:
     """The runs of one recording at one setting, with what the store has of them."""
     runs = []
@@ -394,7 +433,7 @@ def _runs(
                 settings=setting,
                 arm=arm,
                 versions=known.version,
-                machine=machine_label(),
+                machine=machine,
                 time_limit=limits.time,
                 memory_limit=limits.memory,
             )

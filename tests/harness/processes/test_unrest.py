@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from glambda.cli import app
 from harness.machine import doctor
+from harness.machine.awake import awake
 from harness.machine.unrest import Reading, Unrest, between, read, stalled
 
 QUIET = Unrest(2.0, 0.0, 0.0, 0.0, 2.0, 0.0, 1.0)
@@ -86,6 +87,8 @@ def test_two_readings_of_this_machine() -> None:
         (doctor.frequency, {}, "unknown", "unavailable"),
         (doctor.frequency, {"{cpu}/cpufreq/scaling_governor": "performance\n"}, "good", "perform"),
         (doctor.frequency, {"{cpu}/cpufreq/scaling_governor": "powersave"}, "wrong", "powersave"),
+        (doctor.sleep, {}, "unknown", "unavailable"),
+        (doctor.sleep, {"dev/cpu_dma_latency": "0000"}, "good", "awake"),
         (doctor.pressure, {}, "unknown", "unavailable"),
         (doctor.pressure, {"proc/pressure/cpu": PSI.format("0.50")}, "good", "0.5 %"),
         (doctor.pressure, {"proc/pressure/cpu": PSI.format("99.64")}, "wrong", "99.6 %"),
@@ -131,5 +134,17 @@ def test_the_command_says_what_is_wrong_and_what_to_do(monkeypatch: pytest.Monke
 
 def test_every_check_has_an_answer_here() -> None:
     found = doctor.examine()
-    assert len({finding.topic for finding in found}) == len(found) == 11
+    assert len({finding.topic for finding in found}) == len(found) == 12
     assert all(finding.said for finding in found)
+
+
+def test_processors_are_kept_awake_as_long_as_the_file_is_open(tmp_path: Path) -> None:
+    device = tmp_path / "cpu_dma_latency"
+    with awake(device) as kept:
+        assert not kept  # there is none: nothing is made
+    assert not device.exists()
+    device.write_bytes(b"\xff" * 4)
+    with awake(device) as kept:
+        assert kept and device.read_bytes() == bytes(4)
+    with awake(tmp_path) as kept:  # nobody may write to a folder
+        assert not kept
