@@ -12,8 +12,8 @@ from harness.passes.outcome import DISTURBED, Outcome
 
 TIME_LIMIT, MEMORY_LIMIT = 1.0, 4.0
 """`Limits` if nothing else is said [s, GiB]."""
-WARM_UP = 0.1
-"""Longest warm-up of a process [s]; times are the same from 0.03 to 0.3."""
+WARM_UP = 0.05
+"""Longest warm-up of a process [s]; with 0.03 to 0.3 times are the same."""
 
 
 def hard_limit(time_limit: float) -> float:

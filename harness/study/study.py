@@ -37,7 +37,7 @@ from problems import scene as make_scene
 from problems.scenes.labels import PAPER_SCENES, parse_label
 from solvers.active_set.lotstedt import VARIANTS as LOTSTEDT_VARIANTS
 
-PASS_SECONDS = 0.8
+PASS_SECONDS = 0.4
 """[s] of a pass over a scene of the paper, judging included, on average of all backends."""
 VARIANTS = tuple(f"{PAPER}[{variant}]" for variant in LOTSTEDT_VARIANTS if variant)
 """Variants of the paper's method that the study compares with it."""
