@@ -3,7 +3,7 @@
 # make outside    QPs that others posed, beside a study: MuJoCo's, families of scenes, IMPORTS="FILE ..."
 # make publish study, campaigns, outside, criterion and growth, and what they report into reports/published
 # make peers   other physics engines, which it installs, and ours: reports/published/peers
-# make growth  time per QP against its size, up to 20,000 columns: results/growth, …/growth_piles
+# make growth  time per QP against its size, up to 20,000 columns: results/growth, …/growth_piles, …
 # make bench   work counts against the committed baseline, then times as ratios
 # make floors  adapters against the shortest hand-written calls of their packages
 # make test    all tests
@@ -20,6 +20,7 @@ INSTALLED := $(VENV)/.installed
 
 FRICTION := results/recordings/fig4.h5 results/recordings/fig5.h5
 MODELS := mujoco:arm mujoco:gripper mujoco:pile mujoco:tumbling mujoco:walker
+SPARSE := glambda,clarabel,daqp,osqp,piqp,proxqp
 SCENES := results/recordings/fig2.h5 results/recordings/fig3.h5 $(FRICTION)
 
 .PHONY: study quick publish campaigns outside families peers growth bench floors test check rounding oldest lint docs clean
@@ -82,7 +83,11 @@ peers: $(INSTALLED)
 growth: $(INSTALLED)
 	$(BIN)/glambda growth --limit 0.2 -o results/growth
 	$(BIN)/glambda growth pyramid heap,mu=0.0 --bodies 20,225,500 --limit 0.05 \
-	  --solvers glambda,clarabel,daqp,osqp,piqp,proxqp -o results/growth_piles
+	  --solvers $(SPARSE) -o results/growth_piles
+	$(BIN)/glambda growth tower,mu=0.5 wall,mu=0.5 pyramid,mu=0.5 heap,mu=0.5 \
+	  --bodies 10,20,50,110,225 --limit 0.05 --solvers $(SPARSE) -o results/growth_friction
+	$(BIN)/glambda growth space_tower,mu=0.0 space_tower,mu=0.5 \
+	  --bodies 5,10,20,50,110 --limit 0.05 --solvers $(SPARSE) -o results/growth_space
 
 bench: $(INSTALLED)
 	$(BIN)/python benchmarks/work_counts.py

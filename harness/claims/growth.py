@@ -64,8 +64,8 @@ FAR = 4.0
 LIMIT = 2.0
 """Median of a whole call [s] beyond which a backend is not tried at the next size."""
 HALF = 0.5
-TIMEOUT = 60.0
-"""[s] An answer that takes longer is not judged."""
+TIMEOUT = 10.0
+"""Limits that an answer may take; one that takes longer is not judged."""
 SLOW_PASS = 3.0
 """[s] A pass that takes longer is not repeated."""
 FIT_FROM = 100
@@ -254,7 +254,7 @@ def _replayed(
                 (arm,),
                 results=folder,
                 repeats=plan.repeats,
-                time_limit=TIMEOUT,
+                time_limit=TIMEOUT * plan.limit,
                 slow_pass=SLOW_PASS,
                 progress=progress,
             )
