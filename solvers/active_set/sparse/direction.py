@@ -161,6 +161,19 @@ def has_todays_L(I, k):
 
 
 @kernel
+def error_left(pattern, Lx, S, I):
+    """‖A(x − x*)‖ that the gradient on F stands for, (Δ_Fᵀ(B_FᵀB_F)⁻¹Δ_F)^½, if L is that of B_F."""
+    inside, y = I[IN_F], S[Y]
+    total = 0.0
+    for c in range(pattern.order.size):
+        y[c] = S[GRADIENT, c] if inside[c] else 0.0
+    solve_L(pattern, Lx, y)
+    for c in range(pattern.order.size):
+        total += y[c] * y[c]
+    return sqrt(total)
+
+
+@kernel
 def iteration_flops(pattern, f, m, plain):
     """C_IT: products with B_F and B_Fᵀ, solves with L and Lᵀ, and the vectors."""
     k = pattern.order.size

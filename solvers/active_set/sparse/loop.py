@@ -55,6 +55,7 @@ from solvers.active_set.sparse.direction import (
     MANY,
     conjugate_gradients_sparse,
     direction,
+    error_left,
     factorize_sparse,
     follow,
     has_todays_L,
@@ -458,6 +459,10 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
         if worst <= aim:  # 9.
             S[REALS, WRONG] = left
             sound = left <= max(SHARE * eps0, 100 * rounding) and rounding < inf
+            unsure = left * S[REALS, INVERSE_NORM] > eps0 and S[REALS, SHIFT] == 0.0
+            if sound and unsure and not mode & NO_R:
+                sound = error_left(pattern, Lx, S, I) <= eps0
+                I[COUNTS, FLOPS] += 2 * pattern.entries
             if sound or has_todays_L(I, k):
                 status = SOLVED if sound else INACCURATE
                 break
