@@ -162,7 +162,7 @@ def has_todays_L(I, k):
 
 @kernel
 def error_left(pattern, Lx, S, I):
-    """‖A(x − x*)‖ that the gradient on F stands for, (Δ_Fᵀ(B_FᵀB_F)⁻¹Δ_F)^½, if L is that of B_F."""
+    """‖A(x − x*)‖ that the gradient on F stands for, (Δ_Fᵀ(B_FᵀB_F)⁻¹Δ_F)^½, if L is of B_F."""
     inside, y = I[IN_F], S[Y]
     total = 0.0
     for c in range(pattern.order.size):
