@@ -36,8 +36,9 @@ SLACK = 2e-5
 """[s] that may always be missing."""
 PARALLEL = 0.25
 """Part of the call that its CPU may exceed it by: what is done between calls is done cold."""
-READING = 3.0
-"""Times of asking that reading an answer and mapping a start may take."""
+READING, BUSY = 3.0, 10.0
+"""Times of asking that reading an answer and mapping a start may take, where that is no longer than
+so many times its CPU: that hardly grows while others keep the machine busy."""
 
 
 class Asking(NamedTuple):
@@ -93,8 +94,10 @@ def counted(times: Vector, asking: Asking, stranger: bool = False) -> Counted:
         outside = np.maximum(np.where(busy, cpu, wall), 0.0)
         nonsense = ~((call > 0) & (call <= times[:, -3]))
         whole = np.where(nonsense | (outside - call > slack), outside, call)
+        worked = asking.times[:, 1]
+        reading = READING * np.where(worked > 0, np.minimum(ask, BUSY * worked), ask)
         missing = whole - total
-        charged = np.where(missing > SLACK + READING * ask, missing - READING * ask, 0.0)
+        charged = np.where(missing > SLACK + reading, missing - reading, 0.0)
         possible = (own >= 0).all(axis=1) & (own[:, 1] + own[:, 2] > 0) & (total <= call)
         gross = ~possible | (charged > total)
         inside = np.where((times[:, 4] >= 0) & (times[:, 4] <= call), times[:, 4], np.nan)

@@ -158,7 +158,7 @@ def replay_on(
     settings = setting_names(settings)
     options |= {"time_limit": time_limit, "memory_limit": memory_limit}
     if not timed:
-        options["repeats"] = 1
+        options |= {"repeats": 1, "timed": False}
     store = Store(results)
     paths = [store.add_recording(recording) for recording in loaded]
     groups = [tuple(solvers)] if timed else [(name,) for name in solvers]

@@ -15,7 +15,7 @@ it; what no force acts on keeps its momentum to rounding.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, final
 
 import numpy as np
@@ -30,7 +30,8 @@ from problems.qp import ContactQP, Vector
 from problems.sequence import QPSequence
 from problems.space.attitude import cross, rotations
 from problems.space.columns import Columns
-from problems.space.friction import BEYOND, Contact, State, cone, share_of
+from problems.space.discs import DiscQP
+from problems.space.friction import BEYOND, Contact, State, across, cone, share_of
 from problems.space.motion import Mass, Pose
 from problems.space.scene import SpaceScene
 
@@ -71,6 +72,7 @@ class VelocityStep(NamedTuple):
 
     lam : (N,) λ_N;  friction : (N, 3) forces [N];  reaction : (6n,) G λ, of pins too
     settled : whether the passes agreed
+    discs : the QP with discs that they have solved, and its x; None without discs, or if not kept
     """
 
     v: Vector
@@ -78,6 +80,7 @@ class VelocityStep(NamedTuple):
     friction: Vector
     reaction: Vector
     settled: bool
+    discs: tuple[DiscQP, Vector] | None = None
 
 
 class Row(NamedTuple):
@@ -126,9 +129,39 @@ class Poser:
             if settled and not self._revised(contacts, friction, radius):
                 break
             aims = np.linalg.norm(friction, axis=1) >= radius - BEYOND * radius.max(initial=0.0)
-            radius, guess = mu * lam, v
-            pull = moved.h / moved.alpha0 * _compliance(qp, rows, len(contacts)) * friction
-        return VelocityStep(v, lam, friction, columns.force(x, len(self.scene.solids)), settled)
+            if number < MAX_PASSES:
+                radius, guess = mu * lam, v
+                pull = moved.h / moved.alpha0 * _compliance(qp, rows, len(contacts)) * friction
+        discs = None
+        if self.qps.keep and self.scene.faces == 0 and mu.any():
+            pins = x[: 3 * len(self.scene.pins)]
+            discs = self._with_discs(contacts, radius, d, moved, (pins, lam, friction))
+        reaction = columns.force(x, len(self.scene.solids))
+        return VelocityStep(v, lam, friction, reaction, settled, discs)
+
+    def _with_discs(
+        self,
+        contacts: Sequence[Contact],
+        radius: Vector,
+        d: Vector,
+        moved: Moved,
+        forces: tuple[Vector, Vector, Vector],
+    ) -> tuple[DiscQP, Vector]:
+        """The QP of the last pass with two rows across each normal, and its x.
+
+        forces : x of pins, λ_N (N,) and friction (N, 3)
+        """
+        pins, lam, friction = forces
+        rows = [*self._pinned(moved.pose), *_rows(contacts, self.scene, across)]
+        rubbing = [i for i, contact in enumerate(contacts) if contact.mu > 0]
+        first = len(pins) + len(lam)
+        discs = first + np.arange(2 * len(rubbing)).reshape(-1, 2)
+        pairs = [across(contacts[i].point.normal) @ friction[i] for i in rubbing]
+        lower = np.full(len(rows), -np.inf)
+        lower[len(pins) : first] = 0.0
+        A = _columns(rows, moved.pose).scaled(moved.mass)
+        qp = DiscQP(A, d, lower, np.full(len(rows), np.inf), discs, radius[rubbing])
+        return qp, np.concatenate([pins, lam, *pairs])
 
     def _revised(self, contacts: Sequence[Contact], friction: Vector, radius: Vector) -> bool:
         """Whether the state of any contact was wrong; polygons have no states."""
@@ -226,17 +259,22 @@ class Poser:
         return mass.unscaled(qp.residual(np.asarray(solution.x)))
 
 
-def _rows(contacts: Sequence[Contact], scene: SpaceScene) -> list[Row]:
-    """Normals, then frictions."""
+def _rows(
+    contacts: Sequence[Contact],
+    scene: SpaceScene,
+    fan: Callable[[Vector], Vector] | None = None,
+) -> list[Row]:
+    """Normals, then frictions, in directions that `fan` makes of a normal, or in their own."""
     first, rows, rubbing = ROWS * len(scene.pins), [], []
     for i, contact in enumerate(contacts):
         number, point = first + ROWS * contact.number, contact.point
         place, bodies = point.place, (point.a, point.b)
         rows.append(Row(number, i, True, point.normal, place, bodies))
         if contact.mu > 0:
+            ways = contact.directions(scene.faces) if fan is None else fan(point.normal)
             rubbing += [
                 Row(number + slot, i, False, direction, place, bodies)
-                for slot, direction in enumerate(contact.directions(scene.faces), start=1)
+                for slot, direction in enumerate(ways, start=1)
             ]
     return rows + rubbing
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from problems.qp import ContactQP, Solution, Vector
+from problems.space.discs import DiscQP
 from problems.space.motion import Mass
 from problems.space.scene import SpaceScene
 from problems.stepping.run import Event, Simulated
@@ -29,6 +30,8 @@ class SpaceRun(Simulated):
     reactions : (n, bodies, 6) G λ, forces and moments of all constraints [N, N·m]; 0 at t = 0
     gaps : (n,) the least φ of the active constraints [m], inf where there are none
     event_log, qps, solutions, counts, options : as those of `problems.Run`
+    discs : of each accepted step with Coulomb's discs, the QP with them that it has solved by
+        bounds alone, and its x; none where QPs are not kept
     """
 
     scene: SpaceScene
@@ -42,6 +45,7 @@ class SpaceRun(Simulated):
     solutions: list[Solution]
     counts: dict[str, int]
     options: dict[str, Any]
+    discs: list[tuple[DiscQP, Vector]] = field(default_factory=list)
 
     def _sizes(self) -> dict[str, Any]:
         return {

@@ -38,6 +38,7 @@ from problems.qp import Vector
 from problems.sequence import QPSequence, SimulationError, SolvesQPs
 from problems.space.active import Active
 from problems.space.contacts import Point
+from problems.space.discs import DiscQP
 from problems.space.friction import Contact, State
 from problems.space.motion import Mass, Pose
 from problems.space.passes import Moved, Poser, VelocityStep, gap_speeds, slips
@@ -144,6 +145,7 @@ class SpaceStepper:
         names = ("steps", "rejected_steps", "restarts", "impulses", "unsettled")
         self.counts = dict.fromkeys(names, 0)
         self.kept: list[tuple[Any, ...]] = []
+        self.discs: list[tuple[DiscQP, Vector]] = []
         self.standstill = 0
         self._forget()
 
@@ -308,6 +310,8 @@ class SpaceStepper:
         self.h, self.steps, self.standstill = moved.h, self.steps + 1, 0
         self.counts["steps"] += 1
         self.counts["unsettled"] += not step.settled
+        if step.discs is not None:
+            self.discs.append(step.discs)
         stopped = self._tell_of_friction(trial)
         for contact, lam in zip(trial.contacts, step.lam.tolist(), strict=True):
             contact.bore(lam)
@@ -425,4 +429,5 @@ class SpaceStepper:
             solutions=self.qps.solutions,
             counts=self.counts | {"qps": self.qps.count},
             options=asdict(self.options),
+            discs=self.discs,
         )

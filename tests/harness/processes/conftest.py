@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import pytest
 
 from harness.machine.unrest import read
 from harness.processes import isolate
 
 
-@pytest.fixture(autouse=True)
-def quiet(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(autouse=True, scope="module")
+def quiet() -> Iterator[None]:
     """No pass is disturbed: all readings are the first."""
     first = read()
-    monkeypatch.setattr(isolate, "read", lambda pid: first)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(isolate, "read", lambda pid: first)
+        yield

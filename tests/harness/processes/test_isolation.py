@@ -405,6 +405,9 @@ def test_a_package_s_own_clock_decides_nothing_and_is_kept_within_the_call(stran
 
 def test_what_is_seen_and_not_told_is_charged() -> None:
     assert count(500, 100, 400, 1300, 1300, 0, 1300) == ([500, 100, 400, 1300, 300], False)
+    busy = Asking(np.array([[4e-3, 6e-5]]), np.zeros(2))  # by the wall it takes 4 ms to be asked
+    assert count(5, 1, 4, 10_010, 14_000, 0, 10_100, asking=busy)[0][4] == 0  # it is all charged
+    assert count(5, 1, 4, 10_010, 14_000, 0, 10_100, asking=busy)[0][3] == 10_010
     assert count(500, 100, 400, 1000, 1300, 0, 1000) == ([500, 100, 400, 1300, 300], False)
     assert count(500, 100, 400, 1000, 1000, 0, 1500) == ([500, 100, 400, 1500, 500], False)
 
