@@ -7,6 +7,7 @@ in y and x, so that A is not squared.  Columns of A are scaled to length 1, thos
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -111,7 +112,10 @@ def by_cvxpy(qp: DiscQP, accuracy: float) -> Vector:
     rules = [x[low] >= qp.lower[low], x[high] <= qp.upper[high]]
     rules += [cp.norm(x[pair]) <= a for pair, a in zip(qp.discs.tolist(), qp.radius, strict=True)]
     problem = cp.Problem(cp.Minimize(0.5 * cp.sum_squares(qp.A @ x + qp.d)), rules)
-    problem.solve(solver=cp.CLARABEL, tol_gap_abs=accuracy, tol_gap_rel=accuracy, tol_feas=accuracy)
+    asked = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), accuracy)
+    with warnings.catch_warnings():  # who asks judges by himself
+        warnings.simplefilter("ignore", UserWarning)
+        problem.solve(solver=cp.CLARABEL, **asked)
     if x.value is None:
         raise NoAnswer(f"cvxpy: {problem.status}")
     return np.asarray(x.value)

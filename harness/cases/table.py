@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 
 import pandas as pd
 
-from harness.cases import bodies, linkages, networks, space, wheels
+from harness.cases import bodies, friction_discs, linkages, networks, space, wheels
 from harness.cases.bodies import Found
 from harness.results.claim import Claim, claim_over
 from problems.sequence import SolvesQPs
@@ -37,10 +37,11 @@ CASES: dict[str, Callable[[SolvesQPs], list[Found]]] = {
     "slope": space.slope,
     "skid": space.skid,
     "bowl": space.bowl,
+    "friction_discs": friction_discs.friction_discs,
     "space_tower": space.space_tower,
     "space_pyramid": space.space_pyramid,
 }
-"""Scene → what is measured of it."""
+"""Scene, or several of them → what is measured."""
 
 
 def cases_claim(names: Iterable[str], solver: SolvesQPs) -> Claim:

@@ -19,8 +19,12 @@ from problems.qp import ContactQP, Indices, Matrix, Vector
 NEAR = (0.0, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4)
 """Parts of the largest force by which a force may miss its bound, or the edge of its disc, and be
 tried there."""
-ROUNDING = 1e3 * float(np.finfo(float).eps)
-"""Of Δ, in units of ‖a_j‖(‖r‖ + ‖v‖), and of the length of a pair."""
+KINDS = ("entries pairs tangents", "entries pairs", "entries tangents", "entries", "")
+"""What Δ is made to vanish along, in turn."""
+UNIT = 4 * float(np.finfo(float).eps)
+"""Rounding in r, in units of ‖ |A||x| + |d| ‖."""
+EDGE = 1e-13
+"""Part of its radius by which a pair may miss the edge that it was moved to."""
 DEPENDENT = 1e-12
 """Singular values below this part of the largest are none."""
 
@@ -108,15 +112,21 @@ class DiscQP:
 
         of which a disc has Δ_Dᵀ x̄_D + a|Δ_D|.  v is the least that makes Δ vanish along what is
         free: entries between their bounds, pairs inside their disc, and of a pair on its edge the
-        tangent.  What misses a bound or an edge by little is tried there, by several littles; the
-        least bound found is kept.  Rounding is counted for what is left of Δ along what is free,
-        and for nothing else.
+        tangent; or along some of that, since what is left of Δ on a disc counts in g alone.  What
+        misses a bound or an edge by little is tried there, by several littles; the least bound
+        found is kept.  Rounding is counted for r, and for what is left of Δ along what is free,
+        but not for Δ elsewhere.
         """
         A: Any = self.A
         dense = A.toarray() if sp.issparse(A) else np.asarray(A)
         inside = self.projected(x)
         size = float(np.abs(inside).max(initial=0.0))
-        return min(self._bound_at(x, self._snapped(inside, part * size), dense) for part in NEAR)
+        return min(
+            self._bound_at(x, snapped, self._free(snapped, kinds), dense)
+            for part in NEAR
+            for snapped in (self._snapped(inside, part * size),)
+            for kinds in KINDS
+        )
 
     def _snapped(self, x: Vector, near: float) -> Vector:
         """x with entries moved to bounds, and pairs to edges, that are nearer than `near`."""
@@ -129,38 +139,39 @@ class DiscQP:
         moved[self.discs] = pairs * scale[:, None]
         return moved
 
-    def _bound_at(self, x: Vector, inside: Vector, A: Vector) -> float:
-        """The bound for x by the point `inside` bounds and discs."""
+    def _bound_at(self, x: Vector, inside: Vector, free: Vector, A: Vector) -> float:
+        """The bound for x by the point `inside` bounds and discs, with Δ = 0 along `free`."""
         r = A @ inside + self.d
-        free, wrong = self._free(inside), np.zeros(self.k, dtype=bool)
+        rounding = UNIT * float(np.linalg.norm(np.abs(A) @ np.abs(inside) + np.abs(self.d)))
+        wrong = np.zeros(self.k, dtype=bool)
         best = float(np.linalg.norm(r))  # v = −r
         for _ in range(self.k + 1):
-            span = A @ np.hstack([free, np.eye(self.k)[:, wrong]])
-            v, sigma = _undone(span, r)
+            along = np.hstack([free, np.eye(self.k)[:, wrong]])
+            v, sigma = _undone(A @ along, r)
             delta = A.T @ (r + v)
-            left = float(np.linalg.norm(span.T @ (r + v))) / sigma if sigma else 0.0
-            lengths = np.linalg.norm(A, axis=0) * (np.linalg.norm(r) + np.linalg.norm(v))
-            clean = np.where(np.abs(delta) <= ROUNDING * lengths, 0.0, delta)
-            more = ((self.upper == np.inf) & (clean < 0)) | ((self.lower == -np.inf) & (clean > 0))
+            left = float(np.linalg.norm(along.T @ delta)) / sigma if sigma else 0.0
+            delta = delta - along @ (along.T @ delta)  # which `left` undoes
+            more = ((self.upper == np.inf) & (delta < 0)) | ((self.lower == -np.inf) & (delta > 0))
             more[self.discs.ravel()] = False
-            if not (more & ~wrong).any():
-                size = float(np.linalg.norm(v)) + left
-                gain = max(self._gain(inside, clean), 0.0)
+            more &= ~wrong
+            if not more.any():
+                size = float(np.linalg.norm(v)) + left + rounding
+                gain = max(self._gain(inside, delta), 0.0)
                 best = min(best, 0.5 * (size + float(np.sqrt(size * size + 4 * gain))))
                 break
             wrong |= more
         return best + float(np.linalg.norm(A @ (x - inside)))
 
-    def _free(self, x: Vector) -> Vector:
-        """Directions (k, s) along which x may move both ways."""
+    def _free(self, x: Vector, kinds: str) -> Vector:
+        """Directions (k, s) of these kinds along which x may move both ways."""
         single = (x > self.lower) & (x < self.upper)
         single[self.discs.ravel()] = False
-        found = [np.eye(self.k)[:, single]]
+        found = [np.eye(self.k)[:, single if "entries" in kinds else []]]
         for (i, j), a in zip(self.discs.tolist(), self.radius.tolist(), strict=True):
             size = float(np.hypot(x[i], x[j]))
-            if size < a * (1 - ROUNDING):
+            if size < a * (1 - EDGE) and "pairs" in kinds:
                 found.append(np.eye(self.k)[:, [i, j]])
-            elif size > 0:
+            elif size >= a * (1 - EDGE) > 0 and "tangents" in kinds:
                 tangent = np.zeros((self.k, 1))
                 tangent[[i, j], 0] = -x[j] / size, x[i] / size
                 found.append(tangent)
