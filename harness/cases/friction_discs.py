@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from harness.cases.bodies import Found, found
+from harness.cases.cones import BY_DISCS
 from problems import scene, simulate
 from problems.qp import Vector
 from problems.sequence import SolvesQPs
 from problems.space.discs import DiscQP
-from solvers.discs import BY_DISCS
 
 MOTIONS: dict[str, dict[str, Any]] = {
     "slope": {"heading": 0.35, "until": 0.2},

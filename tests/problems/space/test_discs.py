@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from harness.cases.cones import BY_DISCS, by_clarabel
 from harness.cases.friction_discs import friction_discs
 from problems import scene, simulate
 from problems.space.discs import DiscQP
 from solvers import make_solver
-from solvers.discs import BY_DISCS, by_clarabel
 
 SOLVER = make_solver("glambda")
 
