@@ -28,7 +28,7 @@ class NoAnswer(RuntimeError):
 class Cones(NamedTuple):
     """min ½ zᵀP z with G z + s = h: s = 0 in `equal` rows, s ≥ 0 in `bounds` rows, then discs.
 
-    z = (y, x scaled by `lengths`)
+    z = (y, lengths x)/size, so that columns of A and d are of length 1
     """
 
     P: sp.csc_array
@@ -38,6 +38,11 @@ class Cones(NamedTuple):
     bounds: int
     discs: int
     lengths: Vector
+    size: float
+
+    def x_of(self, z: Any) -> Vector:
+        """x (k,) of the unknowns."""
+        return self.size * np.asarray(z)[self.equal :] / self.lengths
 
 
 def cones(qp: DiscQP) -> Cones:
@@ -60,7 +65,8 @@ def cones(qp: DiscQP) -> Cones:
     bounds = np.concatenate([-(qp.lower * lengths)[low], (qp.upper * lengths)[high]])
     P = sp.block_diag([sp.eye_array(m), sp.csc_array((k, k))], format="csc")
     h = np.concatenate([-qp.d, bounds, top])
-    return Cones(P, G, h, m, len(bounds), len(qp.radius), lengths)
+    size = max(float(np.linalg.norm(qp.d)), 1e-300)
+    return Cones(P, G, h / size, m, len(bounds), len(qp.radius), lengths, size)
 
 
 def by_clarabel(qp: DiscQP, accuracy: float) -> Vector:
@@ -73,14 +79,13 @@ def by_clarabel(qp: DiscQP, accuracy: float) -> Vector:
     settings.tol_feas = settings.tol_gap_rel = settings.tol_gap_abs = accuracy
     kinds = [clarabel.ZeroConeT(program.equal), clarabel.NonnegativeConeT(program.bounds)]
     kinds += [clarabel.SecondOrderConeT(3)] * program.discs
-    size = max(float(np.linalg.norm(qp.d)), 1e-300)
     solver = clarabel.DefaultSolver(
-        program.P, np.zeros(program.G.shape[1]), program.G, program.h / size, kinds, settings
+        program.P, np.zeros(program.G.shape[1]), program.G, program.h, kinds, settings
     )
     found = solver.solve()
     if str(found.status) not in ("Solved", "AlmostSolved", "InsufficientProgress"):
         raise NoAnswer(f"clarabel: {found.status}")
-    return size * np.array(found.x)[program.equal :] / program.lengths
+    return program.x_of(found.x)
 
 
 def by_scs(qp: DiscQP, accuracy: float) -> Vector:
@@ -88,11 +93,10 @@ def by_scs(qp: DiscQP, accuracy: float) -> Vector:
     import scs
 
     program = cones(qp)
-    size = max(float(np.linalg.norm(qp.d)), 1e-300)
     data = {
         "P": sp.csc_matrix(sp.triu(program.P)),
         "A": sp.csc_matrix(program.G),
-        "b": program.h / size,
+        "b": program.h,
         "c": np.zeros(program.G.shape[1]),
     }
     cone = {"z": program.equal, "l": program.bounds, "q": [3] * program.discs}
@@ -100,11 +104,11 @@ def by_scs(qp: DiscQP, accuracy: float) -> Vector:
     found = scs.SCS(data, cone, eps_abs=accuracy, eps_rel=0.0, **settings).solve()
     if "solved" not in found["info"]["status"]:
         raise NoAnswer(f"scs: {found['info']['status']}")
-    return size * np.asarray(found["x"])[program.equal :] / program.lengths
+    return program.x_of(found["x"])
 
 
 def by_cvxpy(qp: DiscQP, accuracy: float) -> Vector:
-    """x (k,) as one writes it in CVXPY, handed on to Clarabel; accuracy : as `by_clarabel`."""
+    """x (k,) as one writes it in CVXPY, handed on to Clarabel; accuracy : of residuals and gap."""
     import cvxpy as cp
 
     x = cp.Variable(qp.k)

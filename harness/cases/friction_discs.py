@@ -14,6 +14,7 @@ import numpy as np
 
 from harness.cases.bodies import Found, found
 from harness.cases.cones import BY_DISCS
+from harness.judging.disc_bound import disc_error_bound
 from problems import scene, simulate
 from problems.qp import Vector
 from problems.sequence import SolvesQPs
@@ -70,4 +71,4 @@ def _apart(qp: DiscQP, y: Vector, x: Vector) -> float:
 
 
 def _bound(qp: DiscQP, y: Vector, x: Vector) -> float:
-    return qp.error_bound(y) / float(np.linalg.norm(qp.A @ x))
+    return disc_error_bound(qp, y) / float(np.linalg.norm(qp.A @ x))

@@ -109,6 +109,11 @@ class SpaceMotion(NamedTuple):
     velocities: NDArray[np.float64]
     reactions: NDArray[np.float64]
 
+    @classmethod
+    def of(cls, bodies: Sequence[Solid], *moving: NDArray[np.float64]) -> SpaceMotion:
+        """Of these bodies; moving : poses, velocities, reactions"""
+        return cls(np.array([(s.mass, *s.inertia, *s.sides, s.radius) for s in bodies]), *moving)
+
     def bodies(self) -> tuple[Solid, ...]:
         """The bodies.  Raises ValueError for numbers that no body has."""
         return tuple(
@@ -159,9 +164,9 @@ def check_lengths(
     solids = arrays["space/solids"].shape[0] if "space/solids" in arrays else 0
     sizes["space/solids"] = solids
     defaults = {"motion": steps, "space": steps, "events": events, "bodies": bodies}
+    named = {"bodies": bodies, "solids": solids}
     for name, field in fields_of(arrays).items():
         default = defaults.get(name.partition("/")[0], n)
-        named = {"bodies": bodies, "solids": solids}
         columns = tuple(named[c] if isinstance(c, str) else c for c in field.columns)
         expected = (sizes.get(name, default), *columns)
         if arrays[name].shape != expected:

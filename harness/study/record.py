@@ -105,8 +105,7 @@ def recording_of(
 
 
 def _in_space(run: SpaceRun) -> SpaceMotion:
-    solids = [[s.mass, *s.inertia, *s.sides, s.radius] for s in run.scene.solids]
-    return SpaceMotion(np.array(solids), run.poses, run.velocities, run.reactions)
+    return SpaceMotion.of(run.scene.solids, run.poses, run.velocities, run.reactions)
 
 
 def _friction_coefficients(scene: Any, qp: ContactQP) -> Vector:

@@ -89,8 +89,7 @@ class Contact:
             return (flat / np.linalg.norm(flat))[None]
         if faces in (0, 4):
             return across(n)
-        angles = 2 * np.pi / faces * np.arange(faces // 2)
-        return np.column_stack([np.cos(angles), np.sin(angles)]) @ across(n)
+        return fan(faces) @ across(n)
 
     def revise(self, force: Vector, bound: float, slack: float) -> bool:
         """After passes that agree, on a friction force (3,) and its bound: whether it was wrong.
@@ -116,6 +115,12 @@ def across(n: Vector) -> Vector:
     x, y, z = n
     u, v, w = first
     return np.array([first, (y * w - z * v, z * u - x * w, x * v - y * u)])
+
+
+def fan(faces: int) -> Vector:
+    """(faces/2, 2) directions t_j of a polygon, in coordinates across a normal."""
+    angles = 2 * np.pi / faces * np.arange(faces // 2)
+    return np.column_stack([np.cos(angles), np.sin(angles)])
 
 
 def share_of(faces: int) -> float:

@@ -72,7 +72,7 @@ class VelocityStep(NamedTuple):
 
     lam : (N,) λ_N;  friction : (N, 3) forces [N];  reaction : (6n,) G λ, of pins too
     settled : whether the passes agreed
-    discs : the QP with discs that they have solved, and its x; None without discs, or if not kept
+    radius : (N,) of the friction discs of the last pass;  pins : x of the pins
     """
 
     v: Vector
@@ -80,7 +80,8 @@ class VelocityStep(NamedTuple):
     friction: Vector
     reaction: Vector
     settled: bool
-    discs: tuple[DiscQP, Vector] | None = None
+    radius: Vector
+    pins: Vector
 
 
 class Row(NamedTuple):
@@ -108,13 +109,14 @@ class Poser:
 
     def step(self, contacts: Sequence[Contact], moved: Moved) -> VelocityStep:
         """Solve the step; contacts know where they are at its end, and their states change."""
-        d = moved.mass.forced(self.weight.ravel() + moved.b / moved.h)
+        d = self._pushed(moved)
         mu = np.array([contact.mu for contact in contacts])
         radius = mu * np.array([contact.extrapolated(moved.w) for contact in contacts])
         guess, pull = moved.guess, np.zeros((len(contacts), 3))
         aims = np.ones(len(contacts), dtype=bool)
         for number in range(1, MAX_PASSES + 1):
             _aim(contacts, aims, moved.pose, guess, pull)
+            held = radius
             rows = [*self._pinned(moved.pose), *_rows(contacts, self.scene)]
             columns = _columns(rows, moved.pose)
             qp, x = self._solve(rows, columns, mu, radius, d, moved, number)
@@ -129,39 +131,31 @@ class Poser:
             if settled and not self._revised(contacts, friction, radius):
                 break
             aims = np.linalg.norm(friction, axis=1) >= radius - BEYOND * radius.max(initial=0.0)
-            if number < MAX_PASSES:
-                radius, guess = mu * lam, v
-                pull = moved.h / moved.alpha0 * _compliance(qp, rows, len(contacts)) * friction
-        discs = None
-        if self.qps.keep and self.scene.faces == 0 and mu.any():
-            pins = x[: 3 * len(self.scene.pins)]
-            discs = self._with_discs(contacts, radius, d, moved, (pins, lam, friction))
+            radius, guess = mu * lam, v
+            pull = moved.h / moved.alpha0 * _compliance(qp, rows, len(contacts)) * friction
         reaction = columns.force(x, len(self.scene.solids))
-        return VelocityStep(v, lam, friction, reaction, settled, discs)
+        return VelocityStep(
+            v, lam, friction, reaction, settled, held, x[: 3 * len(self.scene.pins)]
+        )
 
-    def _with_discs(
-        self,
-        contacts: Sequence[Contact],
-        radius: Vector,
-        d: Vector,
-        moved: Moved,
-        forces: tuple[Vector, Vector, Vector],
+    def with_discs(
+        self, contacts: Sequence[Contact], moved: Moved, step: VelocityStep
     ) -> tuple[DiscQP, Vector]:
-        """The QP of the last pass with two rows across each normal, and its x.
-
-        forces : x of pins, λ_N (N,) and friction (N, 3)
-        """
-        pins, lam, friction = forces
+        """The QP that the last pass has solved, with two rows across each normal, and its x."""
         rows = [*self._pinned(moved.pose), *_rows(contacts, self.scene, across)]
         rubbing = [i for i, contact in enumerate(contacts) if contact.mu > 0]
-        first = len(pins) + len(lam)
+        first = len(step.pins) + len(step.lam)
         discs = first + np.arange(2 * len(rubbing)).reshape(-1, 2)
-        pairs = [across(contacts[i].point.normal) @ friction[i] for i in rubbing]
+        pairs = [across(contacts[i].point.normal) @ step.friction[i] for i in rubbing]
         lower = np.full(len(rows), -np.inf)
-        lower[len(pins) : first] = 0.0
-        A = _columns(rows, moved.pose).scaled(moved.mass)
-        qp = DiscQP(A, d, lower, np.full(len(rows), np.inf), discs, radius[rubbing])
-        return qp, np.concatenate([pins, lam, *pairs])
+        lower[len(step.pins) : first] = 0.0
+        A, d = _columns(rows, moved.pose).scaled(moved.mass), self._pushed(moved)
+        qp = DiscQP(A, d, lower, np.full(len(rows), np.inf), discs, step.radius[rubbing])
+        return qp, np.concatenate([step.pins, step.lam, *pairs])
+
+    def _pushed(self, moved: Moved) -> Vector:
+        """d (6n,) of a step."""
+        return moved.mass.forced(self.weight.ravel() + moved.b / moved.h)
 
     def _revised(self, contacts: Sequence[Contact], friction: Vector, radius: Vector) -> bool:
         """Whether the state of any contact was wrong; polygons have no states."""

@@ -310,8 +310,9 @@ class SpaceStepper:
         self.h, self.steps, self.standstill = moved.h, self.steps + 1, 0
         self.counts["steps"] += 1
         self.counts["unsettled"] += not step.settled
-        if step.discs is not None:
-            self.discs.append(step.discs)
+        rubs = any(contact.mu > 0 for contact in trial.contacts)
+        if self.qps.keep and self.scene.faces == 0 and rubs:
+            self.discs.append(self.poser.with_discs(trial.contacts, moved, step))
         stopped = self._tell_of_friction(trial)
         for contact, lam in zip(trial.contacts, step.lam.tolist(), strict=True):
             contact.bore(lam)

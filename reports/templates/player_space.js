@@ -29,9 +29,9 @@ function axesOf([w, x, y, z]) {
 
 const inWorld = (axes, p) => plus(plus(times(p[0], axes[0]), times(p[1], axes[1])), times(p[2], axes[2]));
 
-function pieceOf(points, fill, seen, lift = 0) {
+function pieceOf(points, fill, seen) {
   const depth = points.reduce((sum, point) => sum + dot(point, seen), 0) / points.length;
-  return { points, fill, depth: depth + lift };
+  return { points, fill, depth };
 }
 
 function boxPieces(centre, axes, half, fill, seen) {
