@@ -28,21 +28,24 @@ settings.load_profile("same")
 
 SLOW = {
     "they start, kill and wait for processes": (
-        "test_cheats test_cli test_closed_loop test_cluster test_disturbances test_isolation "
-        "test_kill test_notebook test_own_data test_plugins test_readme test_replay test_starts "
-        "test_store test_streams"
+        "test_cheats test_cli test_clocks test_closed_loop test_cluster test_disturbances "
+        "test_introduction test_isolation test_kill test_notebook test_own_data test_plugins "
+        "test_readme test_replay test_starts test_store test_streams"
     ),
     "they simulate for long": (
-        "test_benchmarks test_campaigns test_convergence test_criterion test_docs test_estimates "
-        "test_exporting test_families test_growth test_heaps test_kept_factors "
-        "test_manifest test_minimum_norm_ways test_motion_error test_mujoco test_painleve "
-        "test_peers test_stability"
+        "test_benchmarks test_campaigns test_cases test_convergence test_criterion test_cundall "
+        "test_docs test_ellipses test_estimates test_exporting test_families test_growth "
+        "test_heaps test_kept_factors test_manifest test_minimum_norm_ways test_motion_error "
+        "test_mujoco test_painleve test_peers test_resumed test_stability"
     ),
     "they try thousands of problems or files": (
         "test_adapters test_certificates test_fuzz test_method_properties test_programs "
         "test_importing test_proof test_same_force test_sparse_reference"
     ),
-    "they draw": "test_outside test_page_figures test_reports",
+    "they draw": (
+        "test_gallery test_outside test_page_figures test_page_in_browser test_reports "
+        "test_space_pictures"
+    ),
 }
 """Reason → modules."""
 ROUNDING = (
