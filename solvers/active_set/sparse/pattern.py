@@ -132,21 +132,34 @@ def contact_order(m: int, indptr: Places, indices: Places) -> Indices:
     k = indptr.size - 1
     if k == 0:
         return np.zeros(0, dtype=np.int64)
-    # columns with the same rows have the same sum of random numbers, one for each row
-    label = np.random.default_rng(0).integers(1, 2**62, m + 1, dtype=np.int64).astype(np.uint64)
-    total = np.concatenate([[0], np.cumsum(label[indices], dtype=np.uint64)]).astype(np.uint64)
-    _, first, group = np.unique(np.diff(total[indptr]), return_index=True, return_inverse=True)
+    _, first, group = np.unique(labels(indptr, indices), return_index=True, return_inverse=True)
     Gp, Gi = neighbours(m, first, indptr, indices, False)
-    graph = sp.csc_matrix((np.ones(Gi.size), Gi, Gp), shape=(first.size, first.size))
-    # dominant, so that no pivot is moved; a column without entries has itself only
-    diagonal = 2.0 * max(1, np.diff(Gp).max()) * sp.eye(first.size, format="csc")
+    degree = np.diff(Gp)
+    itself = Gi == np.repeat(np.arange(first.size, dtype=np.int32), degree)
+    # dominant, so that no pivot is moved
+    values = np.where(itself, 2.0 * degree.max(), 1.0)
+    graph = sp.csc_array((values, Gi, Gp), shape=(first.size, first.size))
     place = splu(
-        graph + diagonal,
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
+        graph, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
     ).perm_c
     return np.argsort(place[group.ravel()], kind="stable")
+
+
+@kernel
+def labels(indptr, indices):
+    """(k,) a number for each column, the same where two have the same rows.
+
+    The sum of random numbers, one for each row (the finalizer of splitmix64: Steele, Lea and Flood
+    2014).
+    """
+    found = np.zeros(indptr.size - 1, np.uint64)
+    for c in range(found.size):
+        for l in range(indptr[c], indptr[c + 1]):
+            z = np.uint64(indices[l] + 1) * np.uint64(0x9E3779B97F4A7C15)
+            z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+            z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+            found[c] += z ^ (z >> np.uint64(31))
+    return found
 
 
 @kernel
@@ -182,6 +195,11 @@ def neighbours(m, columns, indptr, indices, past):
             at[:], Gi = Gp[:-1], np.empty(Gp[p], np.int32)
         seen[:] = -1
         for place in range(p):  # joins the lists of the others, so that these rise
+            if not past:
+                seen[place] = place
+                if counted:
+                    Gi[at[place]] = place
+                at[place] += 1
             for l in range(indptr[columns[place]], indptr[columns[place] + 1]):
                 for h in range(begin[indices[l]], begin[indices[l] + 1]):
                     other = having[h]
