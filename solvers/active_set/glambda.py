@@ -6,8 +6,9 @@ preconditions conjugate gradients, ended by (3.20).
 
 Not from the paper is what outlives a QP, which goes by size, and when R is given up:
 
-1. Up to `CROSSOVER` columns F and x only, and no conjugate gradients.  A_F is factorized anew at
-   every QP, by normal equations while nothing is in the way (`settled`), by QR otherwise.
+1. Up to `CROSSOVER` columns, cold up to `COLD_CROSSOVER`, F and x only, and no conjugate gradients.
+   A_F is factorized anew at every QP, by normal equations: on the last F by itself (`settled`), by
+   Newton steps that change many rows at once (`newton`), and by QR where these do not end it.
 2. Beyond, where A is dense, R as in the paper, but given up by the online rule (`online_rule`) and
    not by (2 C_QR/C_IT)^½.
 3. Beyond, where A is sparse, a sparse R by Cholesky, given up by the online rule; x of the start is
@@ -25,8 +26,8 @@ import numpy as np
 
 from problems.qp import Solution, Status
 from problems.qp_kernel import CompiledMethod, Room
-from solvers.active_set.loop import CUSTOM, EXTRAPOLATED, ONLINE, SETTLED, TODAYS_QR, solve
-from solvers.active_set.method import CROSSOVER, ActiveSet, Modes, room_after
+from solvers.active_set.loop import CUSTOM, EXTRAPOLATED, GRAM, ONLINE, TODAYS_QR, solve
+from solvers.active_set.method import COLD_CROSSOVER, CROSSOVER, ActiveSet, Modes, room_after
 from solvers.active_set.workspace import (
     COUNTS,
     OLD_K,
@@ -55,7 +56,7 @@ class Glambda(ActiveSet):
     def modes(self) -> Modes:
         """By size, see the module's list."""
         mode = ONLINE if self.iteration_limit is None else ONLINE | CUSTOM
-        return Modes(mode | TODAYS_QR | SETTLED, mode, mode | EXTRAPOLATED, CROSSOVER)
+        return Modes(mode | TODAYS_QR | GRAM, mode, mode | EXTRAPOLATED, CROSSOVER, COLD_CROSSOVER)
 
     def compiled(self, k: int) -> CompiledMethod | None:
         """Algorithm 2 for whole steps and collisions in one call, up to `SMALL_CALLS` columns.

@@ -35,6 +35,7 @@ from solvers.active_set.flops import (
     qr_flops,
     triangular_flops,
 )
+from solvers.active_set.newton import LEAST, MOST, solve_by_newton
 from solvers.active_set.online_rule import forget, iterations_worth, keep_account
 from solvers.active_set.settled import solve_settled
 from solvers.active_set.tolerances import ROUNDING, SHARE
@@ -95,11 +96,11 @@ from solvers.active_set.workspace import (
     Z,
 )
 
-OWN_SET, TODAYS_QR, NO_R, CUSTOM, ONLINE, SETTLED = 2, 4, 8, 16, 32, 64
+OWN_SET, TODAYS_QR, NO_R, CUSTOM, ONLINE, GRAM = 2, 4, 8, 16, 32, 64
 SCRATCH, EXTRAPOLATED, DEFERRED = 128, 256, 1024
 """Bits of `mode` beside `WARM`, there is a previous solution: F is chosen anew; factorize today's
 A_F; conjugate gradients without R; the options in rows REALS and COUNTS replace the paper's;
-factorize by the online rule and not by the paper's; try the previous F by itself first; never
+factorize by the online rule and not by the paper's; try normal equations first; never
 update a factorization; begin with x extrapolated from two QPs; by the paper's rule the QP is
 finished first, and the next one factorized."""
 ENTERED, BOUNCED, DISMISSED, NOW_IN_F = 1, 2, 4, 8
@@ -696,14 +697,18 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
     A, d, lower, upper, row_id = lent(A), lent(d), lent(lower), lent(upper), lent(row_id)
     S, I = lent(S), lent(I)
     m, k = A.shape
-    settled = (mode & SETTLED) != 0 and (mode & WARM) != 0
-    if settled and solve_settled(A, d, lower, upper, row_id, S, I, ROUNDING):
+    gram, mp = (mode & GRAM) != 0, (m + LANES - 1) // LANES * LANES
+    if gram and mode & WARM and solve_settled(A, d, lower, upper, row_id, S, I, ROUNDING):
         return
     warm, fresh = reset(I, mode), (mode & TODAYS_QR) != 0
-    mp = (m + LANES - 1) // LANES * LANES
-    lay_out(A, d, lower, upper, S, mp)
     if warm:
         map_rows(row_id, I, k)
+    if gram and not mode & CUSTOM and LEAST <= k <= MOST:
+        done, reached = solve_by_newton(A, d, lower, upper, row_id, S, I, mp, ROUNDING, warm)
+        if done:
+            return
+        warm = warm or reached
+    lay_out(A, d, lower, upper, S, mp)
     if eps0 < 0:
         eps0 = default_accuracy(S, mp, k)
     w = extrapolation(S[REALS]) if warm and mode & EXTRAPOLATED else 0.0

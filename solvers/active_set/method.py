@@ -97,6 +97,14 @@ Measured, µs per QP, on frictionless towers / walls of this many columns, as k:
 equations, old R dense, old R sparse.  16: 2.7, 3.7, 10 / 2.2, 6.9, 9.3.  32 / 36: 7.8, 7.1, 12 /
 5.7, 23, 12.  48 / 50: 18, 14, 15 / 8.1, 50, 14.  80 / 100: 68, 32, 19 / 32, 20, 24.
 """
+COLD_CROSSOVER = 100
+"""The same for a cold start, which has no pattern, no order of elimination and no R yet.
+
+Measured, µs per QP, sparse / by normal equations: heap of 57 columns 482 / 59, tower of 80
+458 / 76, tower of 67 with friction (dense) 468 / 117; pyramid of 128 761 / 1,630, wall of 136
+841 / 2,055.  A sparse A with more columns than rows stays sparse: there a load is spread over all
+contacts that share it, and the QPs that follow are soon done from that.
+"""
 EXACT_KINDS = ("impulse", "minimum_norm")
 STATUSES = {SOLVED: Status.SOLVED, INACCURATE: Status.INACCURATE}
 
@@ -111,7 +119,7 @@ run_dense = entry(
 class Modes(NamedTuple):
     """The bits that the kernels are called with, but for `WARM`.
 
-    small : for up to `crossover` columns, and for `EXACT_KINDS` of any size
+    small : for up to `crossover` columns, cold for up to `cold`, and for `EXACT_KINDS` of any size
     dense, sparse : for the others
     """
 
@@ -119,6 +127,15 @@ class Modes(NamedTuple):
     dense: int
     sparse: int
     crossover: int
+    cold: int
+
+    def narrow(self, k: int, warm: bool) -> bool:
+        """Whether k columns are few."""
+        return k <= (self.crossover if warm else self.cold)
+
+    def better_dense(self, m: int, k: int, warm: bool) -> bool:
+        """Whether a sparse A of m rows and k columns is solved as a dense one."""
+        return self.narrow(k, warm) and (k <= self.crossover or k <= m)
 
 
 class Call(NamedTuple):
@@ -230,7 +247,8 @@ class ActiveSet(Solver):
     def solve(self, qp: ContactQP, start: Solution | None = None) -> Solution:
         """As every solver's; a dense QP takes no stages, which would cost more than the method."""
         k = qp.lower.size
-        if k > CROSSOVER and type(qp.A) is not np.ndarray:
+        dense = k <= CROSSOVER or self._modes.better_dense(qp.d.size, k, start is not None)
+        if not dense and type(qp.A) is not np.ndarray:
             return super().solve(qp, start)
         began = perf_counter()
         room = None if start is None else room_after(start, qp.d.size, k)
@@ -257,7 +275,7 @@ class ActiveSet(Solver):
     ) -> tuple[tuple[Any, ...], Workspace]:
         """The arguments of `algorithm_2`, and their workspace: a new one, or what it remembers."""
         d, lower, modes = qp.d, qp.lower, self._modes
-        small = lower.size <= modes.crossover or qp.kind in EXACT_KINDS
+        small = modes.narrow(lower.size, room is not None) or qp.kind in EXACT_KINDS
         mode = modes.small if small else modes.dense
         if room is None:
             room = make_workspace(d.size, lower.size)
@@ -273,7 +291,8 @@ class ActiveSet(Solver):
 
     def setup(self, problem: ContactQP, asked: float | None, start: Start | None) -> Call:
         """Find room; everything else is part of `run`."""
-        if type(problem.A) is not np.ndarray:
+        dense = self._modes.better_dense(problem.m, problem.k, start is not None)
+        if type(problem.A) is not np.ndarray and not dense:
             found = sparse_room(problem.A, start)
             if found is not None:
                 return self._setup_sparse(problem, asked, start, *found)

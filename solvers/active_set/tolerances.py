@@ -22,6 +22,8 @@ SUSPECT = 1e-4
 LEAST_PIVOT = 1e-8
 """Squared distance of a unit column from the span of those before, by normal equations, which lose
 half of the digits; below, QR decides."""
+NEAR_ZERO = 2e-13
+"""A gradient by normal equations, in units of the sum of its terms, that is taken for zero."""
 
 # dependence, sparse: by Cholesky's L of A_FᵀA_F + shift
 DEPENDENT = 1e-11

@@ -258,9 +258,9 @@ def test_a_direction_that_is_blocked_is_only_roughly_right() -> None:
 
 def test_a_column_of_many_bodies_is_solved_by_the_dense_path() -> None:
     rng = np.random.default_rng(2)
-    A = contact_matrix(rng, 40, 80).toarray()
+    A = contact_matrix(rng, 60, 110).toarray()
     A[: WIDEST + 1, 0] = rng.standard_normal(WIDEST + 1)
-    qp = ContactQP(sp.csc_array(A), rng.standard_normal(120), np.zeros(80), np.full(80, np.inf))
+    qp = ContactQP(sp.csc_array(A), rng.standard_normal(180), np.zeros(110), np.full(110, np.inf))
     solution = Glambda(accuracy=1e-10).solve(qp)
     assert solution.found and not isinstance(solution.memory, SparseWorkspace)
     assert_kkt(qp, solution.x, 1e-8)
@@ -269,18 +269,18 @@ def test_a_column_of_many_bodies_is_solved_by_the_dense_path() -> None:
 def test_columns_and_rows_of_zeros() -> None:
     """A column that does nothing keeps its 0; bodies that touch nothing join and leave."""
     rng = np.random.default_rng(8)
-    A = contact_matrix(rng, 40, 80).toarray()
-    A[:, [0, 7, 79]] = 0.0
-    qp = ContactQP(sp.csc_array(A), rng.standard_normal(120), np.zeros(80), np.full(80, np.inf))
+    A = contact_matrix(rng, 60, 110).toarray()
+    A[:, [0, 7, 109]] = 0.0
+    qp = ContactQP(sp.csc_array(A), rng.standard_normal(180), np.zeros(110), np.full(110, np.inf))
     solver = Glambda(accuracy=1e-10)
     last = None
-    for m in (120, 180, 120):
-        taller = sp.csc_array(np.vstack([A, np.zeros((m - 120, 80))]))
-        d = np.concatenate([qp.d, np.ones(m - 120)])
+    for m in (180, 240, 180):
+        taller = sp.csc_array(np.vstack([A, np.zeros((m - 180, 110))]))
+        d = np.concatenate([qp.d, np.ones(m - 180)])
         last = solver.solve(replace(qp, A=taller, d=d, D=np.ones(m)), last)
         assert last.found and isinstance(last.memory, SparseWorkspace)
         assert_kkt(qp, last.x, 1e-8)
-        assert not last.x[[0, 7, 79]].any()
+        assert not last.x[[0, 7, 109]].any()
 
 
 def test_a_chain_has_little_fill() -> None:

@@ -354,7 +354,7 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
     pattern, Bx, Lx, S, I : of a `SparseWorkspace`, with the memory of the previous solve
     kept : whether Lx holds an earlier L of this pattern
     eps0 : accuracy in ‖A δx‖ (3.13), negative for 1e-9 of the largest |b_jᵀ d|, ‖b_j‖ = 1
-    mode : bits of `loop`, and TODAYS_A; SETTLED is for small QPs
+    mode : bits of `loop`, and TODAYS_A; GRAM is for small QPs
     """
     pattern, Bx, Lx, S, I = lent(pattern), lent(Bx), lent(Lx), lent(S), lent(I)
     m, k, order = d.size, pattern.order.size, pattern.order
