@@ -50,8 +50,8 @@ ZERO = SEARCH
 LEAST, MOST = 4, 128
 """Columns for which this is tried: of fewer a QR is as fast; of more H and its factors cost more
 than they save."""
-FEW, SHARE_OF_K, MANY = 4, 0.5, 30
-"""Factorizations before algorithm 2 goes on: FEW + SHARE_OF_K k, MANY at most."""
+FEW, SHARE_OF_K, MANY, WARM_STEPS = 4, 0.5, 30, 8
+"""Factorizations before algorithm 2 goes on: cold FEW + SHARE_OF_K k, MANY at most; WARM_STEPS."""
 
 
 @kernel
@@ -69,7 +69,8 @@ def solve_by_newton(A, d, lower, upper, row_id, S, I, mp, rounding_unit, warm):
     counts[FLOPS] += m * k * k
     objective = place(lower, upper, S, I, k, warm)
     choose_free(lower, upper, S, I, k, True)
-    left, before = min(FEW + int(SHARE_OF_K * k), MANY), inf
+    left = WARM_STEPS if warm else min(FEW + int(SHARE_OF_K * k), MANY)
+    before = inf
     # where the objective no longer falls, columns were left out that are wanted
     while left > 0 and before - objective > NEAR_ZERO * abs(objective):
         before = objective
