@@ -42,7 +42,6 @@ from solvers.active_set.workspace import (
     P,
     V,
     X,
-    Y,
     Z,
 )
 
@@ -105,7 +104,7 @@ def place(lower, upper, S, I, k, warm):
 
     Returns the objective.
     """
-    x = S[STEP]
+    x, y = S[Z], S[STEP]
     for j in range(k):
         old = I[PREVIOUS, j] if warm else -1
         side = I[OLD_MEMBER, old] if old >= 0 else FREE
@@ -115,25 +114,25 @@ def place(lower, upper, S, I, k, warm):
             value = lower[j]
         elif side == AT_UPPER and upper[j] < 1e300:
             value = upper[j]
-        x[j] = min(max(value, lower[j]), upper[j])
-    return take_over(S, k)
+        x[j] = y[j] = min(max(value, lower[j]), upper[j])
+    return look(S, k)
 
 
 @stage
-def take_over(S, k):
-    """x := row STEP, Δ = H x + Aᵀd, and the objective but for ½‖d‖², times 2."""
-    H0, g, x, y = N_FLOAT_ROWS + 2 * S.shape[1], S[GRADIENT], S[Z], S[STEP]
+def look(S, k):
+    """Δ = H x + Aᵀd for the x in row STEP; the objective there but for ½‖d‖², times 2."""
+    H0, g, y = N_FLOAT_ROWS + 2 * S.shape[1], S[GRADIENT], S[STEP]
     for j in range(k):
         g[j] = S[V, j]
     for j in range(k):
-        value = x[j] = y[j]
+        value = y[j]
         if value != 0.0:
             h = S[H0 + j]
             for i in range(k):
                 g[i] += value * h[i]
     objective = 0.0
     for j in range(k):
-        objective += x[j] * (g[j] + S[V, j])
+        objective += y[j] * (g[j] + S[V, j])
     return objective
 
 
@@ -177,14 +176,12 @@ def descend(lower, upper, S, I, m, k, objective, left):
         counts[FACTORIZATIONS] += f > 0
         counts[CHANGES] += stopped
         counts[FLOPS] += f * f * f // 3 + 2 * triangular_flops(f) + product_flops(k, k)
-        for j in range(k):
-            S[Y, j] = x[j]
-        found = take_over(S, k)
+        found = look(S, k)
         if stopped == 0 or found < objective:
             objective = found
+            for j in range(k):
+                x[j] = y[j]
             break
-        for j in range(k):
-            x[j] = S[Y, j]
         advance(lower, upper, S, I, f, share)
     return f, stopped, objective, left
 

@@ -103,11 +103,12 @@ def refine(lower, upper, S, I, m, mp, k, f, factorized, rounding_unit):
     """
     H0, B0 = N_FLOAT_ROWS + 2 * S.shape[1], N_FLOAT_ROWS
     x, r, g, p, free = S[Z], S[RESIDUAL], S[GRADIENT], S[P], I[F]
-    tried, slope_before, demanded = 0, 0.0, False
+    tried, slope_before = 0, 0.0
     while True:
-        rounding = rounding_unit * residual_and_sizes(S, mp, k)
-        if not rounding < rounding_unit * 1e150:
+        size_of_terms = residual_and_sizes(S, mp, k)
+        if not size_of_terms < 1e150:
             return False, tried
+        rounding = rounding_unit * size_of_terms
         slope = 0.0
         for c in range(f):
             b, along, size = S[B0 + free[c]], 0.0, 0.0
@@ -119,14 +120,12 @@ def refine(lower, upper, S, I, m, mp, k, f, factorized, rounding_unit):
             if size > 0.0:
                 slope += along * along / size
         slope = sqrt(slope)
-        if slope <= rounding * sqrt(max(f, 1)) and not demanded:
+        if slope <= rounding * sqrt(max(f, 1)):
             if not on_wrong_side(lower, upper, S, I, mp, k, rounding):
                 return True, tried
             if tried > 0 or f == 0:
                 return False, tried
-            demanded = True  # A_Fᵀ r is rounding, r itself may not be yet
-        else:
-            demanded = False
+            # A_Fᵀ r is rounding, r itself may not be yet
         if tried == REFINEMENTS or (tried > 1 and slope > 0.5 * slope_before):
             return False, tried
         slope_before = slope

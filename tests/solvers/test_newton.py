@@ -18,6 +18,7 @@ from solvers.active_set.workspace import (
     FLOPS,
     LANES,
     MEMBER,
+    OLD_MEMBER,
     PREVIOUS,
     X,
     make_workspace,
@@ -39,7 +40,7 @@ def compiled(qp: ContactQP, x: np.ndarray | None = None):
     if x is not None:
         S[X, : qp.k] = x
         I[PREVIOUS, : qp.k] = np.arange(qp.k)
-        I[newton.OLD_MEMBER, : qp.k] = FREE
+        I[OLD_MEMBER, : qp.k] = FREE
     mp = (qp.m + LANES - 1) // LANES * LANES
     done, _ = newton.solve_by_newton(
         *(qp.dense_A, qp.d, qp.lower, qp.upper, qp.row_id, S, I, mp, U, x is not None)
