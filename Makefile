@@ -68,7 +68,8 @@ outside: study families
 	$(BIN)/python -m pip install --quiet -e '.[dev,mujoco]'
 	$(BIN)/glambda record $(MODELS) --until 1 --overwrite -o results/engines
 	$(if $(IMPORTS),$(foreach file,$(IMPORTS),$(BIN)/glambda import $(file) -o results/engines &&) true)
-	$(BIN)/glambda replay results/engines/*.h5 --settings high --arms cold,kept,warm -o results
+	$(BIN)/glambda replay results/engines/*.h5 --settings high --arms cold,kept,warm -o results \
+	  --solvers all,-enumeration
 	$(BIN)/glambda replay results/families/*.h5 --settings high --arms cold,kept,warm -o results \
 	  --solvers glambda,lotstedt,clarabel,daqp,highs,osqp,piqp,proxqp,scs
 

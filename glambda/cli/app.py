@@ -95,7 +95,8 @@ Solvers = Annotated[
     str,
     typer.Option(
         help="names with commas between, such as glambda,lotstedt[deferred],daqp; "
-        "all: every backend that is installed; forms: the packages in each form that they take",
+        "all: every backend that is installed; forms: the packages in each form that they take; "
+        "all,-enumeration: all but one",
         autocompletion=complete_solvers,
     ),
 ]
@@ -187,17 +188,30 @@ def refuse_absent(files: Iterable[Path]) -> None:
 
 
 def chosen_solvers(text: str) -> list[str]:
-    """Solvers by name; absent ones are told by name where all are meant."""
-    from harness.processes.introduction import about, described, form_variants
+    """Solvers by name, without those named with a "-" before; "all" and "forms" stand for many."""
+    from harness.processes.introduction import about, form_variants
+
+    groups = {"all": _installed_solvers, "forms": form_variants}
+    names = split_names(text, ["all"])
+    for name in names:
+        if name not in groups:
+            about(name.removeprefix("-"))  # raises for an unknown one
+    chosen: dict[str, None] = {}
+    for name in names:
+        if name.startswith("-"):
+            chosen.pop(name[1:], None)
+        else:
+            chosen.update(dict.fromkeys(groups[name]() if name in groups else [name]))
+    if not chosen:
+        raise ValueError(f"--solvers {text}: nothing is left; name one more, such as all")
+    return list(chosen)
+
+
+def _installed_solvers() -> list[str]:
+    """Every backend that is there; absent ones are told by name."""
+    from harness.processes.introduction import described
     from solvers.registry import solver_names
 
-    if text.strip() != "all":
-        chosen: dict[str, None] = {}
-        for name in split_names(text, []):
-            chosen.update(dict.fromkeys(form_variants() if name == "forms" else [name]))
-        for name in chosen:
-            about(name)  # raises for an unknown one
-        return list(chosen)
     known = [described(name) for name in solver_names()]
     for info in known:
         if not info.available:

@@ -703,7 +703,8 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
     warm, fresh = reset(I, mode), (mode & TODAYS_QR) != 0
     if warm:
         map_rows(row_id, I, k)
-    if gram and not mode & CUSTOM and LEAST <= k <= MOST:
+    dependent = warm and k > m  # a last F of rows that depend on each other is seldom far off
+    if gram and not mode & CUSTOM and LEAST <= k <= MOST and not dependent:
         done, reached = solve_by_newton(A, d, lower, upper, row_id, S, I, mp, ROUNDING, warm)
         if done:
             return

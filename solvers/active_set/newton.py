@@ -48,7 +48,7 @@ from solvers.active_set.workspace import (
 ZERO = SEARCH
 LEAST, MOST = 4, 128
 """Columns for which this is tried: of fewer a QR is as fast; of more H and its factors cost more
-than they save."""
+than they save.  Nor is it where a start is warm and k > m: algorithm 2 mends that F sooner."""
 FEW, SHARE_OF_K, MANY, WARM_STEPS = 4, 0.5, 30, 8
 """Factorizations before algorithm 2 goes on: cold FEW + SHARE_OF_K k, MANY at most; WARM_STEPS."""
 

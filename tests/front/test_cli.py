@@ -22,7 +22,8 @@ import typer
 from typer.testing import CliRunner
 
 from glambda.cli import app, simulation
-from glambda.cli.app import told
+from glambda.cli.app import chosen_solvers, told
+from harness.processes.introduction import form_variants
 from harness.recordings.recording import read_recording, write_recording
 from harness.results.store import read_results
 from harness.study import expected_misses, study, verify
@@ -240,6 +241,12 @@ def test_replay_of_one_row(fig3: Path) -> None:
     assert_told(glambda("replay", fig3, "--solvers", "glambda", "--qp", 10_000), "QPs 0 to")
 
 
+def test_solvers_by_group_and_without_some() -> None:
+    every, fewer = chosen_solvers("all"), chosen_solvers("all,-enumeration")
+    assert set(every) - set(fewer) == {"enumeration"} and set(fewer) < set(every)
+    assert set(chosen_solvers("forms,glambda")) == {*form_variants(), "glambda"}
+
+
 def test_replay_refuses_to_mix(fig3: Path, tmp_path: Path) -> None:
     options = ("--solvers", "scipy_bvls", "--settings", "high", "--repeats", 1, "-o", tmp_path)
     assert glambda("replay", fig3, *options).exit_code == 0
@@ -269,6 +276,8 @@ def test_replay_refuses_to_mix(fig3: Path, tmp_path: Path) -> None:
         (("report", "absent"), ("absent",)),
         (("verify", "absent.h5"), ("absent.h5", "no such file")),
         (("study", "--scenes", "fig9", "--solvers", "glambda"), ("unknown scene 'fig9'",)),
+        (("study", "--solvers", "daqp,-daqp"), ("--solvers daqp,-daqp", "nothing is left")),
+        (("study", "--solvers", "all,-magic"), ("unknown solver 'magic'",)),
     ],
 )
 def test_bad_input_is_told_in_one_line(
