@@ -76,7 +76,7 @@ outside: study families
 peers: $(INSTALLED)
 	$(BIN)/python -m pip install --quiet -e '.[dev,peers]'
 	$(BIN)/glambda peers --limit 5 -o results/peers \
-	  --engines glambda,pymunk,box2d,box2d3,mujoco,dart,drake
+	  --engines glambda,pymunk,box2d,box2d3,mujoco,dart,drake,bullet
 	rm -rf reports/published/peers
 	$(BIN)/glambda report results -o reports/published
 	find reports/published -name '*.svg' -delete

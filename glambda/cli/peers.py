@@ -19,7 +19,7 @@ def peers(
         typer.Argument(
             metavar="[SCENE...]",
             help="a scene to its first impact; SCENE@0.8: to that time; SCENE@rest: stands still; "
-            "default: fig2, fig4 and towers",
+            "default: fig2, fig4 and towers, and in space balls, boxes and towers",
         ),
     ] = None,
     engines: Annotated[

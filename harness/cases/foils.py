@@ -13,7 +13,7 @@ import numpy as np
 from harness.peers.cundall import Cundall
 from harness.peers.tasks import started
 from harness.results.claim import Claim, Row, claim_over
-from problems import scene, simulate
+from problems import Scene, scene, simulate
 from problems.qp import Vector
 from problems.scenes.labels import parse_label
 from problems.sequence import SolvesQPs
@@ -46,8 +46,10 @@ def ways_of(label: str, solver: SolvesQPs) -> list[Row]:
         paper = run.q[-1] if paper is None else paper
         counts = run.counts["steps"], run.counts["impulses"]
         found.append(_row(words, *counts, run.q[-1], run.v[-1], paper))
+    start = started(label)
+    assert isinstance(start, Scene)
     for h in SPRING_STEPS:
-        moved = Cundall(started(label), h, damping=1.0).run([UNTIL])
+        moved = Cundall(start, h, damping=1.0).run([UNTIL])
         found.append(_row(f"springs, h = 1/{1 / h:.0f} s", moved.steps, 0, moved.q[-1],
                           moved.v[-1], paper))  # fmt: skip
     return found

@@ -20,6 +20,7 @@ import numpy as np
 from problems import Scene
 from problems.bodies.shapes import box_corners
 from problems.qp import Vector
+from problems.space.scene import SpaceScene
 
 Settings = Mapping[str, Mapping[str, Any]]
 """Name → options of an engine's constructor."""
@@ -38,7 +39,9 @@ GROUND_MARGIN = 20.0
 class Motion:
     """What an engine made of a scene at the times asked for.
 
-    q, v : (times, n, 3) [m, m, rad], per second;  cpu : of the stepping alone [s];  steps : taken
+    q, v : (times, n, 3) [m, m, rad], per second; in space (times, n, 12) and (times, n, 6), see
+        `harness.peers.in_space`
+    cpu : of the stepping alone [s];  steps : taken
     """
 
     q: Vector
@@ -55,6 +58,7 @@ class Peer(ABC):
     swept : "h" [s], or "accuracy" or "ε" where the engine controls the error of a step
     resolutions : values of it, coarse first;  middling : two of them, for whole motions
     resting : settings for scenes at rest, None for the same;  rest : value of what is swept there
+    in_space : it takes a `SpaceScene`, not a `Scene`
     """
 
     package: ClassVar[str]
@@ -65,9 +69,10 @@ class Peer(ABC):
     middling: ClassVar[Sequence[float]] = (1 / 240, 1 / 960)
     resting: ClassVar[Settings | None] = None
     rest: ClassVar[float] = REST_STEP
+    in_space: ClassVar[bool] = False
 
     @abstractmethod
-    def __init__(self, scene: Scene, resolution: float, **options: Any):
+    def __init__(self, scene: Any, resolution: float, **options: Any):
         """Build `scene`."""
 
     @classmethod  # noqa: B027  most engines need nothing
@@ -91,7 +96,7 @@ class Stepped(Peer):
 
     @abstractmethod
     def state(self) -> tuple[Vector, Vector]:
-        """Positions and velocities, (n, 3) each [m, m, rad], per second."""
+        """Positions and velocities of the bodies, as in a `Motion`."""
 
     def advance(self, t: float) -> None:
         """Step until t [s], a multiple of h."""
@@ -111,12 +116,16 @@ class Stepped(Peer):
         return Motion(q, v, 1e-9 * spent, self.steps)
 
 
-def one_friction(scene: Scene) -> float:
+def one_friction(scene: Scene | SpaceScene) -> float:
     """The friction coefficient of all pairs, since engines give it to bodies.
 
-    Raises ValueError for a scene that has another one for some pairs, forces beside gravity, or
-    discs, ellipses, joints or impacts that bounce, which engines are not given.
+    Raises ValueError for what engines are not given: friction by pairs, forces beside gravity,
+    discs, ellipses, joints or impacts that bounce; in space pins or bodies without a shape.
     """
+    if isinstance(scene, SpaceScene):
+        if scene.pins or not all(solid.reach for solid in scene.solids):
+            raise ValueError(f"scene {scene.label!r} has pins; engines are given balls and boxes")
+        return scene.mu
     if any(body.is_round for body in scene.bodies):
         oblong = any(a > b for a, b in (body.semi_axes for body in scene.bodies))
         what = "ellipses" if oblong else "discs"

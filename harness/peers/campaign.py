@@ -24,7 +24,15 @@ from harness.files.json_file import read_json, sealed_json
 from harness.files.plain_files import Unreadable
 from harness.files.whole_files import write_whole
 from harness.machine.machine import machine_label
-from harness.peers import ENGINES, OURS, EngineInfo, describe_engine, engine_class, engine_version
+from harness.peers import (
+    NAMES,
+    OURS,
+    EngineInfo,
+    describe_engine,
+    engine_class,
+    engine_version,
+    takes,
+)
 from harness.peers.tasks import DEFAULT, Task, digest_of, tasks_of
 from harness.peers.worker import Worker
 from harness.progress import Progress
@@ -57,7 +65,7 @@ class Plan:
 
     def described(self) -> list[EngineInfo]:
         """The engines that are meant, ours first."""
-        names = dict.fromkeys((OURS, *(self.engines or ENGINES)))
+        names = dict.fromkeys((OURS, *(self.engines or NAMES)))
         return [describe_engine(name) for name in names]
 
 
@@ -116,15 +124,20 @@ def run_campaign(
 
 
 def runs_of(engine: str, task: Task) -> Iterator[Run]:
-    """Everything that is asked of an engine in a task, setting by setting, coarse steps first."""
-    cls = engine_class(engine)
+    """Everything that is asked of an engine in a task, setting by setting, coarse steps first.
+
+    Nothing, where it takes no scenes in space, or none in the plane.
+    """
+    if not takes(engine, task.in_space):
+        return
+    cls = engine_class(engine, task.in_space)
     resting = task.kind == "rest"
     settings = cls.resting if resting and cls.resting is not None else cls.settings
     resolutions: Sequence[float] = (
         (cls.rest,) if resting else cls.middling if task.kind == "whole" else cls.resolutions
     )
     swept = "h" if settings is cls.resting else cls.swept
-    where = digest_of(task.start()), engine_version(engine), machine_label()
+    where = digest_of(task.start()), engine_version(engine, cls), machine_label()
     for setting in settings:
         for resolution in resolutions:
             yield Run(engine, setting, swept, resolution, task, *where)
@@ -140,7 +153,7 @@ def _outcome(
     if _coarser_was_too_slow(run, done):
         outcome: Outcome = {"status": "skipped", "reason": "a coarser step took too long"}
     else:
-        cls = engine_class(run.engine)
+        cls = engine_class(run.engine, run.task.in_space)
         options = {**cls.settings, **(cls.resting or {})}[run.setting]
         outcome = worker.run(run.task, dict(options), run.resolution, limit)
     outcome = {**outcome, "limit": limit}

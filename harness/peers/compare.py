@@ -47,6 +47,7 @@ def table_of(runs: Iterable[tuple[Run, Outcome]]) -> pd.DataFrame:
     kind, scene, until, task;  engine, setting, swept, resolution;  status, reason
     cpu [s], steps, step : mean length [s];  cpu_step : CPU time of one [s];  repeats
     error : largest distance of a coordinate of a pose from the reference at any time compared
+    bodies : of a scene at rest
     kept_error : the largest error of this run and of all finer ones of its setting
     reference_error : the reference's own;  is_reference
     energy_error, gain : over the energy at the start;  penetration [m];  drift, top : largest, and
@@ -73,6 +74,7 @@ def table_of(runs: Iterable[tuple[Run, Outcome]]) -> pd.DataFrame:
             if run.task.kind == "whole":
                 row["gain"] = outcome["gain"]
             if run.task.kind == "rest":
+                row["bodies"] = len(run.task.start().v0)
                 row |= {"drift": max(outcome["drift"]), "top": outcome["drift"][-1]}
                 row["turn"] = max(outcome["turn"])
             if run.task in references:
@@ -84,7 +86,7 @@ def table_of(runs: Iterable[tuple[Run, Outcome]]) -> pd.DataFrame:
         rows.append(row)
     columns = ["cpu", "steps", "repeats", "step", "cpu_step", "error", "kept_error"]
     columns += ["reference_error"]
-    columns += ["penetration", "energy_error", "gain", "drift", "top", "turn"]
+    columns += ["penetration", "energy_error", "gain", "drift", "top", "turn", "bodies"]
     frame = pd.DataFrame(rows)
     if "error" in frame.columns:
         finest_first = frame.sort_values("resolution", kind="stable")

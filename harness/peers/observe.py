@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from harness.peers import in_space
 from harness.peers.base import Motion, Peer
 from harness.peers.tasks import Task
 from problems import Scene
 from problems.bodies.bodies import mass_diagonal
 from problems.contacts.geometry import Geometry
 from problems.qp import Vector
+from problems.space.scene import SpaceScene
 
 REPEATS = 3
 """Passes of each run; the least CPU time counts."""
@@ -49,7 +51,8 @@ def observe(
     motion = passes[-1]
     if not (np.isfinite(motion.q).all() and np.isfinite(motion.v).all()):
         raise FloatingPointError("positions or velocities are not finite numbers")
-    start = energy(scene, scene.q0[None], scene.v0[None])[0]
+    first = in_space.first_state(scene) if isinstance(scene, SpaceScene) else scene.q0
+    start = energy(scene, first[None], scene.v0[None])[0]
     relative = energy(scene, motion.q, motion.v) / start
     found: dict[str, Any] = {
         "cpu": min(each.cpu for each in passes),
@@ -63,19 +66,22 @@ def observe(
         lowest = np.minimum.accumulate(np.concatenate([[1.0], relative]))
         found["gain"] = float((relative - lowest[:-1]).max(initial=0.0))
     else:
-        moved = np.abs(motion.q[-1] - scene.q0)
-        found |= {"drift": moved[:, :2].max(axis=1).tolist(), "turn": moved[:, 2].tolist()}
+        found["drift"], found["turn"] = moved(scene, motion.q[-1])
     return found
 
 
-def energy(scene: Scene, q: Vector, v: Vector) -> Vector:
-    """T + V of gravity from y = 0, for states (times, n, 3), in (times,) [J]."""
+def energy(scene: Scene | SpaceScene, q: Vector, v: Vector) -> Vector:
+    """T + V of gravity from y = 0, in space z = 0, for the states of a `Motion`, (times,) [J]."""
+    if isinstance(scene, SpaceScene):
+        return in_space.energy(scene, q, v)
     M = mass_diagonal(scene.bodies).reshape(-1, 3)
     return (0.5 * M * v**2).sum(axis=(1, 2)) + scene.gravity * q[:, :, 1] @ M[:, 1]
 
 
-def penetration(scene: Scene, q: Vector) -> float:
+def penetration(scene: Scene | SpaceScene, q: Vector) -> float:
     """The deepest overlap of two bodies, or of one and the ground, at any time [m]; at least 0."""
+    if isinstance(scene, SpaceScene):
+        return in_space.penetration(scene, q)
     geometry = Geometry(scene.bodies, scene.ground)
     deepest = 0.0
     for state in q:
@@ -83,3 +89,11 @@ def penetration(scene: Scene, q: Vector) -> float:
         pairs = geometry.near_pairs(pose, 0.0)
         deepest = max([deepest, *(geometry.penetration(pose, pair) for pair in pairs)])
     return float(deepest)
+
+
+def moved(scene: Scene | SpaceScene, state: Vector) -> tuple[list[float], list[float]]:
+    """How far each body has moved along an axis since t = 0 [m], and by how much turned [rad]."""
+    if isinstance(scene, SpaceScene):
+        return in_space.moved(scene, state)
+    apart = np.abs(state - scene.q0)
+    return apart[:, :2].max(axis=1).tolist(), apart[:, 2].tolist()

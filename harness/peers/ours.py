@@ -16,7 +16,12 @@ from typing import Any, ClassVar
 
 from harness.motions.hermite import hermite
 from harness.peers.base import Motion, Peer, Settings
-from problems import Run, Scene, scene, simulate
+from harness.peers.in_space import rate, state_of, velocity
+from problems import scene, simulate
+from problems.qp import Vector
+from problems.space.attitude import rotations
+from problems.space.run import SpaceRun
+from problems.stepping.run import Run
 from solvers import make_solver
 
 NO_TIME = 1e-9
@@ -48,13 +53,15 @@ class Glambda(Peer):
     resolutions = (3e-2, 1e-2, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
     middling = (1e-3, 1e-4)
     resting: ClassVar[Settings] = {"fixed step": {"fixed": True}}
+    own: ClassVar[dict[str, Any]] = {"impulses": "newton_coulomb"}
 
     def __init__(
-        self, scene: Scene, resolution: float, bounded: bool = False, fixed: bool = False
+        self, scene: Any, resolution: float, bounded: bool = False, fixed: bool = False
     ) -> None:
         self.scene, self.solver = replace(scene, mu_I=scene.mu), make_solver("glambda")
         longest = min(SHARE * sqrt(resolution), LARGEST_BOUND) if bounded else LARGEST_STEP
-        self.options: dict[str, Any] = (
+        self.options: dict[str, Any] = {"keep_qps": False, **self.own}
+        self.options |= (
             {"eps": REST_EPS, "fixed_step": resolution}
             if fixed
             else {"eps": resolution, "h_max": longest, "h_first": min(FIRST_STEP, longest)}
@@ -63,9 +70,14 @@ class Glambda(Peer):
     @classmethod
     def prepare(cls) -> None:
         """Have the kernels compiled, which a pass on a new machine would be charged with."""
-        falling, resting = scene("fig4"), scene("tower", bodies=100, speed=0.0, mu=0.5)
-        cls(falling, 1e-3)._timed(COLLIDED)
+        moving, resting = cls.first()
+        cls(moving, 1e-3)._timed(COLLIDED)
         cls(resting, RESTED / 2, fixed=True)._timed(RESTED)
+
+    @staticmethod
+    def first() -> tuple[Any, Any]:
+        """Scenes that have everything compiled: one that collides, and a high tower."""
+        return scene("fig4"), scene("tower", bodies=100, speed=0.0, mu=0.5)
 
     def run(self, times: Sequence[float]) -> Motion:
         building = min(self._timed(NO_TIME)[0] for _ in range(BUILDS))
@@ -73,17 +85,30 @@ class Glambda(Peer):
         for _ in range(PAIRS if spent < SHORT else 0):
             building = min(building, self._timed(NO_TIME)[0])
             spent = min(spent, self._timed(times[-1])[0])
-        q, v = hermite(run.t, run.q, run.v, times)
-        return Motion(q, v, spent - building, run.counts["steps"])
+        return Motion(*self._states(run, times), spent - building, run.counts["steps"])
 
-    def _timed(self, until: float) -> tuple[float, Run]:
+    def _states(self, run: Any, times: Sequence[float]) -> tuple[Vector, Vector]:
+        return hermite(run.t, run.q, run.v, times)
+
+    def _timed(self, until: float) -> tuple[float, Run | SpaceRun]:
         start = time.process_time_ns()
-        run = simulate(
-            self.scene,
-            self.solver,
-            until=until,
-            impulses="newton_coulomb",
-            keep_qps=False,
-            **self.options,
-        )
+        run = simulate(self.scene, self.solver, until=until, **self.options)
         return 1e-9 * (time.process_time_ns() - start), run
+
+
+class GlambdaInSpace(Glambda):
+    """Slides do not end within a step there, and nothing of the stepping itself is compiled."""
+
+    in_space = True
+    own: ClassVar[dict[str, Any]] = {}
+
+    @staticmethod
+    def first() -> tuple[Any, Any]:
+        return scene("skid"), scene("space_tower", bodies=20)
+
+    def _states(self, run: SpaceRun, times: Sequence[float]) -> tuple[Vector, Vector]:
+        shape = run.poses.shape[:2]
+        R = rotations(run.poses[..., 3:].reshape(-1, 4)).reshape(*shape, 3, 3)
+        q = state_of(run.poses[..., :3], R)
+        found, derivative = hermite(run.t, q, rate(q, run.velocities), times)
+        return found, velocity(found, derivative)

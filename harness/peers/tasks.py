@@ -15,7 +15,7 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from harness.peers.ours import NO_TIME
 from problems import Scene, simulate
 from problems import scene as make_scene
 from problems.scenes.labels import parse_label
+from problems.space.scene import SpaceScene
 from solvers import make_solver
 
 Kind = Literal["motion", "whole", "rest"]
@@ -43,10 +44,13 @@ DEFAULT = (
     *("fig2@0.8", "fig2@1.0", "fig4", "fig4@3.0"),
     *(TOWER.format(bodies, 0.0) for bodies in (10, 100, 1000)),
     TOWER.format(1000, 1e-6),
+    *("bowl@1.0", "bowl,speed=0.0,angle=0.3@1.0", "skid,spin=6.0@0.3"),
+    *(f"space_tower,bodies={bodies}@rest" for bodies in (5, 10, 20, 40)),
 )
 """Scenes where nobody names any.  fig2 has its first impact at 0.91; fig4 at 0.13, and comes to
-rest at 2.2 after dozens, in which all that take contacts as rigid agree.  The last tower starts
-with a shake."""
+rest at 2.2 after dozens, in which all that take contacts as rigid agree.  The last tower of the
+plane starts with a shake.  In space a ball slides until it rolls, one rolls down a slope, a box
+slides and spins, and towers stand."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +79,11 @@ class Task:
         stride = strides[0] if self.kind == "motion" else 1
         return [FRAME * frame for frame in range(stride, frames + 1, stride)]
 
-    def start(self) -> Scene:
+    @property
+    def in_space(self) -> bool:
+        return isinstance(self.start(), SpaceScene)
+
+    def start(self) -> Scene | SpaceScene:
         """The scene with the velocities after external impulses at t = 0, which are left out.
 
         It does not stop at rest, since no engine does.
@@ -83,22 +91,32 @@ class Task:
         return started(self.scene)
 
 
-def digest_of(scene: Scene) -> str:
+def digest_of(scene: Scene | SpaceScene) -> str:
     """Of all that engines are given of a scene."""
-    ground = [(*plane.point, *plane.normal) for plane in scene.ground]
-    parts = [part for body in scene.bodies for part in body.polygons]
-    inertia = [(body.mass, body.inertia) for body in scene.bodies]
+    given: tuple[Any, ...]
+    ground: list[tuple[float, ...]]
+    if isinstance(scene, SpaceScene):
+        ground = [(*plane.point, *plane.normal) for plane in scene.planes]
+        solids = [(s.mass, *s.inertia, s.radius, *s.sides) for s in scene.solids]
+        given = solids, scene.centres, scene.attitudes
+    else:
+        ground = [(*plane.point, *plane.normal) for plane in scene.ground]
+        parts = [part for body in scene.bodies for part in body.polygons]
+        given = *parts, [(body.mass, body.inertia) for body in scene.bodies], scene.q0
     found = hashlib.sha256()
-    for given in (*parts, inertia, scene.q0, scene.v0, ground, (scene.mu, scene.gravity)):
-        found.update(np.array(given, dtype=np.float64).tobytes())
+    for each in (*given, scene.v0, ground, (scene.mu, scene.gravity)):
+        found.update(np.array(each, dtype=np.float64).tobytes())
     return found.hexdigest()[:16]
 
 
 @cache
-def started(label: str) -> Scene:
+def started(label: str) -> Scene | SpaceScene:
     """See `Task.start`."""
     name, parameters = parse_label(label)
-    scene = replace(make_scene(name, **parameters), stop_at_rest=False)
+    scene = make_scene(name, **parameters)
+    if isinstance(scene, SpaceScene):
+        return scene
+    scene = replace(scene, stop_at_rest=False)
     if not scene.impulses:
         return scene
     if any(impulse.t > 0 for impulse in scene.impulses):
@@ -138,7 +156,7 @@ def _time(name: str, text: str) -> float:
     return until
 
 
-def first_impact(scene: Scene) -> float:
+def first_impact(scene: Scene | SpaceScene) -> float:
     """The last multiple of 1/60 before the first impact [s], or the end of the whole motion."""
     until = min(WHOLE, scene.end_time)
     run = simulate(scene, make_solver("glambda"), eps=COARSE_EPS, until=until, keep_qps=False)

@@ -12,7 +12,7 @@ import time
 from dataclasses import asdict
 from typing import Any
 
-from harness.peers import engine_class
+from harness.peers import engine_class, takes
 from harness.peers.observe import observe
 from harness.peers.tasks import Task
 from harness.processes.process import Process
@@ -79,7 +79,9 @@ class Worker:
         return json.loads(line)
 
     def _start(self) -> Process:
-        engine_class(self.engine).prepare()
+        for in_space in (False, True):
+            if takes(self.engine, in_space):
+                engine_class(self.engine, in_space).prepare()
         self._heard = b""
         self._process = Process(f"{__name__}:_work", {"engine": self.engine}, (__name__,))
         return self._process
@@ -96,7 +98,6 @@ def _line(what: Any) -> bytes:
 
 def _work(link: socket.socket, engine: str) -> None:
     """What the process does, until the parent is gone."""
-    cls = engine_class(engine)
     link.setblocking(True)
 
     def tell(what: Any) -> None:
@@ -105,8 +106,10 @@ def _work(link: socket.socket, engine: str) -> None:
     with link.makefile("rb") as jobs:
         for job in jobs:
             task, options, resolution = json.loads(job)
+            asked = Task(**task)
             try:
-                found = observe(cls, options, resolution, Task(**task), tell)
+                cls = engine_class(engine, asked.in_space)
+                found = observe(cls, options, resolution, asked, tell)
                 tell({"status": "done", "reason": "", **found})
             except ERRORS as error:
                 reason = " ".join(str(error).split())[:LINE]

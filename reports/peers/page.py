@@ -43,6 +43,7 @@ LOOKS = {
     OURS: (VERMILLION, "o"), "pymunk": (BLUE, "s"), "box2d": (GREEN, "^"),
     "box2d3": (SKY, "v"), "mujoco": (ORANGE, "D"), "dart": (PURPLE, "P"),
     "drake": (INK, "X"), "cenic": (SOFT, "*"), "cundall": (YELLOW, "p"),
+    "bullet": (GREEN, "<"),
 }  # fmt: skip
 """Colour and marker of each engine."""
 LOOK_ELSE = (SOFT, "h")

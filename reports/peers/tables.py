@@ -231,18 +231,37 @@ def rest_table(rows: pd.DataFrame) -> Table:
         lines.append(line)
     columns = ["tower", "engine", "setting", "drift", "of the top", "turn", "overlap"]
     numbers = dict.fromkeys(("drift", "of the top", "turn", "overlap"), scientific)
+    data = pd.DataFrame(lines, columns=[*columns, "CPU time per step"])
     return Table(
         name="peers_rest",
         title="Towers at rest",
         reading=(
             f"after {REST_STEPS} steps of 1/{round(1 / REST_STEP)} s, in the setting that drifts "
-            "least: drift is how far the body that moved most has moved in x or y [m], turn by how "
-            "much one has turned [rad]. A rigid tower at rest stays where it is. Sleeping is off."
+            "least: drift is how far the body that moved most has moved along an axis [m], turn by "
+            "how much one has turned [rad]. A rigid tower at rest stays as it is. Sleeping is off."
         ),
-        data=pd.DataFrame(lines, columns=[*columns, "CPU time per step"]),
+        data=data,
         formats={**numbers, "CPU time per step": duration},
-        notes=_rest_notes(part),
+        notes=[*_rest_notes(part), *_growth_notes(part)],
     )
+
+
+def _growth_notes(part: pd.DataFrame) -> list[str]:
+    """How the time per step grows with the bodies, where three towers or more differ in them."""
+    family = part["scene"].str.replace(r",bodies=\d+", "", regex=True)
+    held = part[part["status"] == "done"].assign(family=family)
+    notes = []
+    for name, own in held.groupby("family", sort=False):
+        fastest = own.groupby(["engine", "bodies"], sort=False)["cpu_step"].min().unstack()
+        powers = [
+            f"{engine} {np.polyfit(np.log(times.index), np.log(times), 1)[0]:.2f}"
+            for engine, times in ((each, fastest.loc[each].dropna()) for each in fastest.index)
+            if len(times) > 2
+        ]
+        if powers:
+            text = f"{name}, any number of bodies: CPU time per step, in the fastest setting, grows"
+            notes.append(f"{text} with their number to the power {join(powers)}.")
+    return notes
 
 
 def _rest_notes(part: pd.DataFrame) -> list[str]:

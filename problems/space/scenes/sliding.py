@@ -80,6 +80,7 @@ def bowl(
     speed: float = 2.0,
     heading: float = 0.35,
     back_spin: float = 0.0,
+    angle: float = 0.0,
     mu: float = 0.3,
     radius: float = 0.5,
     faces: int = 0,
@@ -90,15 +91,18 @@ def bowl(
     """A ball is thrown along the ground: it slides, and then rolls at 5/7 of its speed.
 
     speed [m/s] in the direction of `heading` from x [rad];  back_spin : angular velocity against
-    that of rolling [rad/s];  radius [m]
+    that of rolling [rad/s];  angle by which the ground falls towards x [rad];  radius [m]
     """
-    along = np.array([np.cos(heading), np.sin(heading), 0.0])
-    omega = -back_spin * np.cross((0.0, 0.0, 1.0), along)
+    normal = (float(np.sin(angle)), 0.0, float(np.cos(angle)))
+    down = np.array([np.cos(angle), 0.0, -np.sin(angle)])
+    along = np.cos(heading) * down + np.sin(heading) * np.array([0.0, 1.0, 0.0])
+    omega = -back_spin * np.cross(normal, along)
     return SpaceScene(
         solids=(ball(radius),),
-        centres=np.array([[0.0, 0.0, radius]]),
+        centres=radius * np.array([normal]),
         attitudes=np.array([UPRIGHT]),
         v0=np.concatenate([speed * along, omega])[None],
+        planes=(Plane(normal=normal),),
         mu=mu,
         faces=faces,
         gravity=gravity,

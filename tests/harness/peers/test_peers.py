@@ -232,7 +232,7 @@ def test_the_default_tasks() -> None:
     assert {"fig2 to 0.8", f"fig4 to {7 * FRAME:.3g}"} <= motions  # 0.133: the first impact of fig4
     wholes = [task for task in tasks if task.kind == "whole"]
     assert len(wholes) == len({task.scene for task in wholes})
-    towers = [task for task in tasks if task.kind == "rest"]
+    towers = [task for task in tasks if task.kind == "rest" and not task.in_space]
     assert [len(task.start().bodies) for task in towers] == [10, 100, 1000, 1000]
     assert np.abs(towers[-1].start().v0).max() <= 1e-6
 
@@ -459,13 +459,27 @@ def test_the_page_says_whose_tower_falls_and_that_ours_does_not_finish() -> None
     assert "in no setting of pymunk is the top held" in notes
 
 
+def test_the_page_says_how_the_time_of_a_step_grows() -> None:
+    runs: list[tuple[Run, Outcome]] = []
+    for bodies in (2, 4, 8):
+        task = Task("rest", f"tower,bodies={bodies}", 100 / 240)
+        for engine, power in (("pymunk", 1), ("dart", 2)):
+            outcome = {
+                "status": "done", "reason": "", "cpu": 0.1 * bodies**power, "steps": 100,
+                "repeats": 3, "penetration": 0.0, "drift": [0.0], "turn": [0.0],
+            }  # fmt: skip
+            runs.append((Run(engine, "stock", "h", 1 / 240, task, "start", "1", "m"), outcome))
+    notes = " ".join(rest_table(table_of(runs)).notes)
+    assert "with their number to the power pymunk 1.00 and dart 2.00." in notes
+
+
 # --- the command ----------------------------------------------------------------------------------
 
 
 def test_an_unknown_engine_is_told_in_one_line() -> None:
-    result = CliRunner().invoke(app, ["peers", "--engines", "bullet"])
+    result = CliRunner().invoke(app, ["peers", "--engines", "havok"])
     assert result.exit_code == 2
-    assert "unknown engine 'bullet'" in result.output
+    assert "unknown engine 'havok'" in result.output
 
 
 def test_an_absent_engine_is_told_with_its_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
