@@ -559,6 +559,15 @@ def reset(I, mode):
 
 
 @stage
+def knows_set(I, m):
+    """Whether the rows remembered as free can be an F, whose columns are independent."""
+    free = 0
+    for i in range(I[COUNTS, OLD_K]):
+        free += I[OLD_MEMBER, i] == FREE
+    return free <= m
+
+
+@stage
 def default_accuracy(S, mp, k):
     """1e-9 of the largest |b_jᵀ d|, ‖b_j‖ = 1."""
     take_gradient(S, mp, k, MOMENTUM)
@@ -703,8 +712,8 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
     warm, fresh = reset(I, mode), (mode & TODAYS_QR) != 0
     if warm:
         map_rows(row_id, I, k)
-    dependent = warm and k > m  # a last F of rows that depend on each other is seldom far off
-    if gram and not mode & CUSTOM and LEAST <= k <= MOST and not dependent:
+    redundant = warm and k > m and knows_set(I, m)  # then the last F is seldom far off
+    if gram and not mode & CUSTOM and LEAST <= k <= MOST and not redundant:
         done, reached = solve_by_newton(A, d, lower, upper, row_id, S, I, mp, ROUNDING, warm)
         if done:
             return
