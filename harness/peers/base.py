@@ -120,11 +120,12 @@ def one_friction(scene: Scene | SpaceScene) -> float:
     """The friction coefficient of all pairs, since engines give it to bodies.
 
     Raises ValueError for what engines are not given: friction by pairs, forces beside gravity,
-    discs, ellipses, joints or impacts that bounce; in space pins or bodies without a shape.
+    discs, ellipses, joints or impacts that bounce; in space pins and polyhedra.
     """
     if isinstance(scene, SpaceScene):
-        if scene.pins or not all(solid.reach for solid in scene.solids):
-            raise ValueError(f"scene {scene.label!r} has pins; engines are given balls and boxes")
+        if scene.pins or not all(solid.radius or solid.is_box for solid in scene.solids):
+            what = "pins" if scene.pins else "polyhedra"
+            raise ValueError(f"scene {scene.label!r} has {what}; engines are given balls and boxes")
         return scene.mu
     if any(body.is_round for body in scene.bodies):
         oblong = any(a > b for a, b in (body.semi_axes for body in scene.bodies))

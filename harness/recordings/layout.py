@@ -1,7 +1,7 @@
 """The arrays of a recording file: their names, types, units and sizes, and both ways through.
 
-1. `FIELDS` is the table of all datasets, but for those of bodies in space (`OF_SPACE`), which only
-   a file with such bodies holds; the file carries the same words as attributes.
+1. `FIELDS` is the table of all datasets, but for those of bodies in space (`OF_SPACE`, `OF_HULLS`),
+   which only a file with such bodies holds; the file carries the same words as attributes.
 2. `pack` joins the quantities of all QPs into flat arrays, in solve order.
 3. `check_lengths` tells from the few small arrays of sizes how long every other must be.
 4. `unpack` cuts the flat arrays up again; the types `ContactQP` and `Solution` check the values.
@@ -13,6 +13,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import fields
+from functools import reduce
+from operator import or_
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -91,7 +93,12 @@ OF_SPACE: dict[str, Field] = {
     "space/velocities": Field("<f8", ("solids", 6), "m/s, rad/s", "velocities of each"),
     "space/reactions": Field("<f8", ("solids", 6), "N, N m", "G lambda, all constraint forces"),
 }
-"""… and those of one whose bodies move in space."""
+"""… those of one whose bodies move in space, …"""
+OF_HULLS: dict[str, Field] = {
+    "space/corner_count": Field("<i8", (), "1", "corners of each solid that is a polyhedron, or 0"),
+    "space/corners": Field("<f8", (3,), "m", "corners in axes of the solid"),
+}
+"""… and of one with polyhedra among them."""
 
 MAY_BE_INFINITE = {"qps/lower", "qps/upper", "references/error_bound"}
 
@@ -102,29 +109,52 @@ class SpaceMotion(NamedTuple):
     solids : (s, 8) mass [kg], principal moments [kg·m²], sides of a box and radius of a ball [m]
     poses : (n, s, 7) centre [m] and attitude;  velocities : (n, s, 6) [m/s, rad/s]
     reactions : (n, s, 6) G λ [N, N·m]
+    corner_count : (s,) corners of each body that is a polyhedron, or 0;  corners : of all, (c, 3)
+        [m];  both None where none is
     """
 
     solids: NDArray[np.float64]
     poses: NDArray[np.float64]
     velocities: NDArray[np.float64]
     reactions: NDArray[np.float64]
+    corner_count: NDArray[np.int64] | None = None
+    corners: NDArray[np.float64] | None = None
 
     @classmethod
-    def of(cls, bodies: Sequence[Solid], *moving: NDArray[np.float64]) -> SpaceMotion:
-        """Of these bodies; moving : poses, velocities, reactions"""
-        return cls(np.array([(s.mass, *s.inertia, *s.sides, s.radius) for s in bodies]), *moving)
+    def of(
+        cls,
+        bodies: Sequence[Solid],
+        poses: NDArray[np.float64],
+        velocities: NDArray[np.float64],
+        reactions: NDArray[np.float64],
+    ) -> SpaceMotion:
+        """Of these bodies."""
+        solids = np.array([(s.mass, *s.inertia, *s.sides, s.radius) for s in bodies])
+        points = [s.points for s in bodies]
+        moving = solids, poses, velocities, reactions
+        if not any(points):
+            return cls(*moving)
+        corners = np.array([corner for own in points for corner in own])
+        return cls(*moving, np.array(list(map(len, points))), corners)
 
     def bodies(self) -> tuple[Solid, ...]:
         """The bodies.  Raises ValueError for numbers that no body has."""
+        points: list[list[Any]] = [[] for _ in self.solids]
+        if self.corner_count is not None and self.corners is not None:
+            ends = np.cumsum(self.corner_count)[:-1]
+            points = [part.tolist() for part in np.split(self.corners, ends)]
         return tuple(
-            Solid(mass, (x, y, z), radius, (a, b, c))
-            for mass, x, y, z, a, b, c, radius in self.solids.tolist()
+            Solid(mass, (x, y, z), radius, (a, b, c), tuple(map(tuple, own)))
+            for (mass, x, y, z, a, b, c, radius), own in zip(
+                self.solids.tolist(), points, strict=True
+            )
         )
 
 
 def fields_of(names: Container[str]) -> dict[str, Field]:
     """The datasets of a file that holds these, or should."""
-    return FIELDS | (OF_SPACE if any(name in names for name in OF_SPACE) else {})
+    groups = (group for group in (OF_SPACE, OF_HULLS) if any(name in names for name in group))
+    return reduce(or_, groups, FIELDS)
 
 
 def check_lengths(
@@ -162,7 +192,12 @@ def check_lengths(
         sizes[name] = sum(k)
     steps, events = arrays["motion/t"].shape[0], arrays["events/t"].shape[0]
     solids = arrays["space/solids"].shape[0] if "space/solids" in arrays else 0
-    sizes["space/solids"] = solids
+    sizes["space/solids"] = sizes["space/corner_count"] = solids
+    if "space/corner_count" in arrays:
+        counts = [int(value) for value in arrays["space/corner_count"].ravel()]
+        if min([0, *counts]) < 0:
+            raise wrong("space/corner_count", "has a negative number of corners")
+        sizes["space/corners"] = sum(counts)
     defaults = {"motion": steps, "space": steps, "events": events, "bodies": bodies}
     named = {"bodies": bodies, "solids": solids}
     for name, field in fields_of(arrays).items():
@@ -252,7 +287,8 @@ def pack(recording: Any) -> dict[str, NDArray[Any]]:
             "<f8",
         )
     if recording.space is not None:
-        out |= zip(OF_SPACE, recording.space, strict=True)
+        names = [*OF_SPACE, *OF_HULLS] if recording.space.corners is not None else OF_SPACE
+        out |= zip(names, recording.space, strict=False)
     return {
         name: _texts(out[name])
         if field.dtype == "S"
@@ -287,7 +323,7 @@ def unpack(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
         tuple(take("bodies/corners", next(sizes)) for _ in range(count))
         for count in arrays["bodies/polygon_count"].tolist()
     )
-    moving = [arrays[name] for name in OF_SPACE if name in arrays]
+    moving = [arrays[name] for name in (*OF_SPACE, *OF_HULLS) if name in arrays]
     for array in (arrays["motion/t"], arrays["motion/q"], arrays["motion/v"], *moving):
         array.setflags(write=False)
     return {

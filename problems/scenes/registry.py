@@ -68,6 +68,7 @@ SPACE = {
     "bowl": "problems.space.scenes.sliding:bowl",
     "space_tower": "problems.space.scenes.stacks:space_tower",
     "space_pyramid": "problems.space.scenes.stacks:space_pyramid",
+    "stones": "problems.space.scenes.stacks:stones",
 }
 """Bodies with six degrees of freedom (§6)."""
 CASES = {

@@ -1,6 +1,6 @@
-"""Rigid bodies in space (§6): attitudes, M = M(q), contacts of spheres, boxes and planes."""
+"""Rigid bodies in space (§6): attitudes, M = M(q), contacts of spheres, boxes, polyhedra and planes."""
 
 from problems.space.scene import Pin, Plane, SpaceScene
-from problems.space.solids import Solid, ball, block
+from problems.space.solids import Solid, ball, block, polyhedron
 
-__all__ = ["Pin", "Plane", "Solid", "SpaceScene", "ball", "block"]
+__all__ = ["Pin", "Plane", "Solid", "SpaceScene", "ball", "block", "polyhedron"]

@@ -4,9 +4,10 @@ A point has a key that it keeps along the motion: what touches what, and with wh
 
     sphere, plane      the lowest point
     sphere, sphere     the point between the centres
-    sphere, box        the nearest point of the box
-    box, plane         each corner
+    sphere, box        the nearest point of the box, or of a polyhedron
+    box, plane         each corner, of a polyhedron, too
     box, box           `problems.space.box_box`
+    polyhedra          `problems.space.hull`, also of one and a box
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from problems.bodies.bodies import GROUND
 from problems.qp import Vector
 from problems.space.attitude import rotations
 from problems.space.box_box import BoxAt, box_box
+from problems.space.hull import hull_hull
 from problems.space.motion import Pose
 from problems.space.scene import SpaceScene
 
@@ -78,7 +80,7 @@ class Near:
         height = float(n @ (c - plane.point))
         if solid.reach == 0 or height > solid.reach + margin:
             return []
-        if not solid.is_box:
+        if solid.radius:
             place = c - solid.radius * n
             return [Point((a, -1 - j, 0), a, GROUND, height - solid.radius, place, n)]
         places = c + solid.corners() @ R.T
@@ -97,16 +99,25 @@ class Near:
                 Point((a, b, feature), a, b, gap, place, n)
                 for feature, gap, place, n in box_box(first, second, margin)
             ]
-        if one.is_box:
+        if not (one.radius or two.radius):
+            return [
+                Point((a, b, feature), a, b, gap, place, n)
+                for feature, gap, place, n in hull_hull(
+                    one.hull.at(pose.centres[a], R[a]), two.hull.at(pose.centres[b], R[b]), margin
+                )
+            ]
+        if not one.radius:
             a, b, one, two = b, a, two, one
         centre = pose.centres[b]
-        if two.is_box:
+        if two.points:
+            centre = two.hull.at(centre, R[b]).nearest(pose.centres[a])
+        elif two.is_box:
             half = 0.5 * np.array(two.sides)
             inside = R[b].T @ (pose.centres[a] - centre)
             centre = centre + R[b] @ np.clip(inside, -half, half)
         along = pose.centres[a] - centre
         distance = float(np.linalg.norm(along))
-        gap = distance - one.radius - (0.0 if two.is_box else two.radius)
+        gap = distance - one.radius - two.radius
         if gap > margin or distance == 0:
             return []
         n = along / distance

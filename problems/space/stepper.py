@@ -120,6 +120,14 @@ def _root(clear: Callable[[float], float], level: float, h: float) -> float:
     return float(brentq(lambda at: clear(at) - level, 0.0, h, xtol=1e-14, rtol=1e-14))
 
 
+def _beyond(clear: Callable[[float], float], level: float, low: float, high: float) -> float:
+    """Where a clearance jumps below a level, between a place where it is above and one below."""
+    while low < 0.5 * (low + high) < high and high - low > 1e-14:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if clear(middle) <= level else (middle, high)
+    return high
+
+
 @final
 class SpaceStepper:
     """One simulation; `start` once, `advance` until t has reached the end, then `finish`.
@@ -250,7 +258,9 @@ class SpaceStepper:
         while clear(h) < -TOUCH_TOL:
             start = clear(0.0)
             level = 0.0 if start > 0 else min(start, 0.0) - TOUCH_TOL
-            at = _root(clear, level, h)
+            at = _root(clear, level, h) if clear(h) < level else h
+            if clear(at) > max(level, TOUCH_TOL):  # a point that is there all at once
+                at = _beyond(clear, level, at, h)
             pose = self.pose.moved(self._way(at))
             touching = self.active.touching(pose, skip, level)
             hits = self.active.approaching(touching, pose, self._guess(at), 0.0)

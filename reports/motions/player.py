@@ -17,10 +17,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from problems.space.solids import Solid
 from reports.motions.contact_forces import IMPULSE, Force, forces, qps_of_frames
 from reports.motions.frames import window_of
 from reports.motions.motion import Link, Motion, frame_times, motion_of
-from reports.motions.space import AZIMUTH, ELEVATION, Stage, View, half_sides
+from reports.motions.space import AZIMUTH, ELEVATION, Stage, View, shape_of
 from reports.parts.style import BODIES
 from reports.parts.table import write_text
 from reports.parts.templates import environment_of, inlined
@@ -103,13 +104,13 @@ def _in_the_plane(recording: Any, kept: np.ndarray, numbers: np.ndarray) -> dict
 
 
 def _in_space(view: View, kept: np.ndarray) -> dict[str, Any]:
-    """Bodies as boxes and balls, and the sum of the forces on each."""
+    """Bodies as polyhedra and balls, and the sum of the forces on each."""
     stage = Stage.of(view, view.t[np.linspace(0, len(view.t) - 1, 40).round().astype(int)])
     sizes = np.linalg.norm(view.reactions[:, :, :3], axis=2)
     return {
         "window": _short(stage.limits.ravel()),
         "space": {
-            "solids": [_short([*half_sides(solid), solid.radius]) for solid in view.solids],
+            "solids": [_solid(solid) for solid in view.solids],
             "pins": [[pin.body, *_short(pin.point)] for pin in view.pins],
             "lines": [_short(line.ravel()) for line in stage.lines],
             "eye": [AZIMUTH, ELEVATION],
@@ -119,6 +120,14 @@ def _in_space(view: View, kept: np.ndarray) -> dict[str, Any]:
         "forces": [_short(forces[:, :3]) for forces in view.reactions[kept]],
         "largest": _short(float(np.percentile(sizes[sizes > 0], 98)) if sizes.any() else 1.0),
     }
+
+
+def _solid(solid: Solid) -> dict[str, Any]:
+    """A ball by its radius, another body by its corners and faces."""
+    if solid.radius:
+        return {"radius": _short(solid.radius)}
+    corners, faces = shape_of(solid)
+    return {"corners": _short(corners), "faces": faces}
 
 
 def _ends(links: Sequence[Link]) -> list[list[float]]:

@@ -180,11 +180,16 @@ def half_sides(solid: Solid) -> Array:
     return np.sqrt(1.5 / solid.mass * np.maximum([y + z - x, x + z - y, x + y - z], 1e-3 * x))
 
 
+def shape_of(solid: Solid) -> tuple[Array, Sequence[tuple[int, ...]]]:
+    """Corners (c, 3) in axes of the body, and those round each face."""
+    if solid.points:
+        return solid.hull.corners, solid.hull.faces
+    return SIGNS * half_sides(solid), FACES
+
+
 def _corners(solid: Solid, row: Array) -> Array:
-    """(8, 3) of the box of `half_sides`."""
-    half = half_sides(solid)
-    R = rotations(row[None, 3:])[0]
-    moved: Array = row[:3] + (SIGNS * half) @ R.T
+    """(c, 3) of `shape_of` in the world."""
+    moved: Array = row[:3] + shape_of(solid)[0] @ rotations(row[None, 3:])[0].T
     return moved
 
 
@@ -225,9 +230,10 @@ def _pieces(solid: Solid, row: Array, colour: str, towards: Array) -> list[Piece
         return _ball(solid, row, colour, towards)
     corners = _corners(solid, row)
     seen = []
-    for face in FACES:
+    for face in shape_of(solid)[1]:
         points = corners[list(face)]
-        if (points.mean(axis=0) - row[:3]) @ towards > 0:
+        normal = np.cross(points[1] - points[0], points[2] - points[0])
+        if normal @ (points[0] - row[:3]) * (normal @ towards) > 0:
             seen.append(Piece(points, colour, float((points @ towards).mean())))
     return seen
 

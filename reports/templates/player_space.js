@@ -1,9 +1,6 @@
 // Bodies in space, painted from the farthest to the nearest.
 "use strict";
 
-// Corners of a box by the signs of x, y, z, and those round each face.
-const SIGNS = [...Array(8).keys()].map((i) => [i & 4 ? 1 : -1, i & 2 ? 1 : -1, i & 1 ? 1 : -1]);
-const FACES = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
 const CIRCLE = [...Array(48).keys()].map((i) => (Math.PI * i) / 24);
 let azimuth, elevation;
 
@@ -34,10 +31,18 @@ function pieceOf(points, fill, seen) {
   return { points, fill, depth };
 }
 
-function boxPieces(centre, axes, half, fill, seen) {
-  const corners = SIGNS.map((signs) => plus(centre, inWorld(axes, signs.map((sign, i) => sign * half[i]))));
-  return FACES.map((face) => pieceOf(face.map((i) => corners[i]), fill, seen))
-    .filter((piece) => piece.depth > dot(centre, seen));
+// Whether a face of a convex body is seen: its outer normal points at the eye.
+function isSeen([a, b, c], centre, seen) {
+  const u = plus(b, times(-1, a)), v = plus(c, times(-1, a));
+  const normal = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+  return dot(normal, plus(a, times(-1, centre))) * dot(normal, seen) > 0;
+}
+
+function facePieces(centre, axes, { corners, faces }, fill, seen) {
+  const moved = corners.map((corner) => plus(centre, inWorld(axes, corner)));
+  return faces.map((face) => face.map((i) => moved[i]))
+    .filter((points) => isSeen(points, centre, seen))
+    .map((points) => pieceOf(points, fill, seen));
 }
 
 // An outline, and the near halves of two great circles that turn with the ball.
@@ -57,9 +62,9 @@ function ballPieces(centre, axes, radius, fill, [right, up, seen]) {
 function bodyPieces(q, body, eye) {
   const pose = q.slice(7 * body, 7 * body + 7), axes = axesOf(pose.slice(3));
   const fill = data.colours[body % data.colours.length], centre = pose.slice(0, 3);
-  const [a, b, c, radius] = data.space.solids[body];
-  if (radius) return ballPieces(centre, axes, radius, fill, eye);
-  return boxPieces(centre, axes, [a, b, c], fill, eye[2]);
+  const solid = data.space.solids[body];
+  if (solid.radius) return ballPieces(centre, axes, solid.radius, fill, eye);
+  return facePieces(centre, axes, solid, fill, eye[2]);
 }
 
 function drawSpace(to, q) {

@@ -1,4 +1,4 @@
-"""Boxes on each other at rest: a tower, and a pyramid with square courses."""
+"""Bodies on each other: a tower and a pyramid at rest, and stones that fall."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from problems.scenes.scene import at_most
 from problems.space.attitude import UPRIGHT
 from problems.space.scene import SpaceScene
-from problems.space.solids import block
+from problems.space.solids import block, polyhedron
 
 
 @at_most(bodies=1_000)
@@ -55,6 +55,46 @@ def space_pyramid(
         for j in range(courses - course)
     ]
     return _stack(np.array(places), side, mu, gravity, eps, end_time)
+
+
+@at_most(bodies=100)
+def stones(
+    bodies: int = 3,
+    corners: int = 8,
+    size: float = 0.5,
+    seed: int = 1,
+    mu: float = 0.0,
+    gravity: float = 9.81,
+    eps: float = 1e-3,
+    end_time: float = 1.0,
+) -> SpaceScene:
+    """Convex stones, each above the last one, fall on the ground and on each other.
+
+    corners of a stone, from 4 to 40, on an ellipsoid with the greatest half axis `size` [m];  seed
+    of their shapes and attitudes
+    """
+    if not 4 <= corners <= 40:
+        raise ValueError(f"corners = {corners}; a stone has from 4 to 40")
+    rng = np.random.default_rng([19, seed])
+    solids, centres, attitudes = [], [], []
+    for number in range(bodies):
+        way = rng.normal(size=(corners, 3))
+        points = size * rng.uniform(0.6, 1.0, 3) * way / np.linalg.norm(way, axis=1)[:, None]
+        solid, _, turned = polyhedron(points, 1000.0)
+        solids.append(solid)
+        centres.append((*(0.3 * size * rng.uniform(-1, 1, 2)), size * (1.05 + 2.1 * number)))
+        attitudes.append(turned)
+    return SpaceScene(
+        solids=tuple(solids),
+        centres=np.array(centres),
+        attitudes=np.array(attitudes),
+        v0=np.zeros((bodies, 6)),
+        mu=mu,
+        mu_I=mu,
+        gravity=gravity,
+        eps=eps,
+        end_time=end_time,
+    )
 
 
 def _stack(
