@@ -11,11 +11,12 @@ its simplicity.  Where contacts stick, and without friction, both are the same.
 
 It is the fixed point of `problems.friction.passes` with h = α₀ = 1, all contacts bounded by
 ± μ_I Σ Λ_*, from Λ_* = ∞.  With redundant contacts there need not be one: the QP's Λ of least norm
-may bound friction otherwise than the Λ that explains the motion.  Where the passes do not settle
-`problems.friction.coulomb_lcp` is asked, which ends with a Λ that meets both laws.  With its bounds
-the QP has the same q̇₊, because this Λ meets the optimality conditions of that QP, and A Λ is
-unique; so the collision ends with this QP.  Energy may grow at a contact that reverses its slip
-(4.12).
+may bound friction otherwise than the Λ that explains the motion, and where contacts jam, a q̇₊ that
+no pass changes any more may slip a little under a Λ that is 10⁴ times what stops the bodies.
+Where the passes do not settle, or friction then lacks work, `problems.friction.coulomb_lcp` is
+asked, which ends with a Λ that meets both laws.  With its bounds the QP has the same q̇₊, because
+this Λ meets the optimality conditions of that QP, and A Λ is unique; so the collision ends with
+this QP.  Energy may grow at a contact that reverses its slip (4.12).
 """
 
 from __future__ import annotations
@@ -42,6 +43,8 @@ MAX_PASSES = 25
 """Passes before the LCP is asked."""
 SETTLED_BY = 1e-9
 """Change of q̇₊ by another pass, relative to ‖q̇₋‖_M, at which the passes end."""
+LACKING = 1e-9
+"""Work that the friction of one contact may lack, over ‖q̇₋‖²_M."""
 
 
 def newton_coulomb_impulse(
@@ -65,9 +68,12 @@ def newton_coulomb_impulse(
     tolerance = SETTLED_BY * max(1.0, float(np.linalg.norm(D * v)))
     collision = _Collision(qps, hit, D, v, F, t, accuracy)
     method = qps.compiled(collision.layout.k)
-    if collision.settles(tolerance, method):
+    settled = collision.settles(tolerance, method)
+    if settled and collision.lacking() <= LACKING * max(1.0, float((D * v) @ (D * v))):
         return collision.outcome()
     both = coulomb_multipliers(hit, D, D * v + F / D)
+    if both is None and settled:
+        return collision.outcome()
     if both is None:
         raise SimulationError(
             f"t = {t:.6g}: Newton–Coulomb impulses of {len(hit.normals)} contacts did not settle "
@@ -118,6 +124,17 @@ class _Collision:
         self._begin(lam_N, True, most=1)
         self._ask()
         return self.outcome()
+
+    def lacking(self) -> float:
+        """The most by which friction does not work with all that Λ_N allows, of any contact [J]."""
+        hit, (after, lam) = self.hit, self.outcome()
+        N, F = len(hit.normals), len(hit.frictions)
+        if F == 0:
+            return 0.0
+        slip = hit.scaled(np.arange(0), np.arange(F), self.D).T @ (self.D * after)
+        rubs = hit.friction_of[:N]
+        load = np.bincount(rubs[rubs >= 0], weights=lam[:N][rubs >= 0], minlength=F)
+        return float(np.abs(hit.mu * load * np.abs(slip) + lam[N:] * slip).max())
 
     def outcome(self) -> tuple[Vector, Vector]:
         """q̇₊ and Λ of the last pass."""

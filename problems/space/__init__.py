@@ -1,4 +1,4 @@
-"""Rigid bodies in space (§6): attitudes, M = M(q), contacts of spheres, boxes, polyhedra and planes."""
+"""Rigid bodies in space (§6): attitudes, M = M(q), contacts of balls, polyhedra and planes."""
 
 from problems.space.scene import Pin, Plane, SpaceScene
 from problems.space.solids import Solid, ball, block, polyhedron

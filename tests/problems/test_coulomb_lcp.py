@@ -131,8 +131,11 @@ def test_a_collision_whose_passes_cycle_for_redundant_contacts_settles(keep):
     assert run.t[-1] == pytest.approx(0.16) and run.counts["impulses"] > 20
 
 
-@pytest.mark.parametrize("noise", [0, 1])
-@pytest.mark.parametrize("seed", [seed for seed in range(30) if seed % 5 != 4])
+@pytest.mark.parametrize(
+    ("seed", "noise"),
+    # in the last one contacts jam: the passes end with a slip of rounding under a huge load
+    [*((seed, noise) for seed in range(30) if seed % 5 != 4 for noise in (0, 1)), (818, 3)],
+)
 def test_collisions_of_redundant_contacts_settle_and_meet_both_laws(seed, noise):
     found = solved(collision(seed), noise).violations
     assert max(found[law] for law in LAWS) <= TOLERANCE, found
