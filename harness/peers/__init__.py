@@ -2,8 +2,8 @@
 
 An engine is one line of `ENGINES`, for scenes in the plane, of `IN_SPACE`, or of both, and one file
 with a class for each, derived from `harness.peers.base.Peer`.  One from elsewhere is named by its
-`module:Class`.  Nothing is imported until it is asked for; an
-absent package is told with its remedy.
+`module:Class`.  Nothing is imported until it is asked for; an absent package is told with its
+remedy.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ ENGINES = {
     "cenic": "harness.peers.cenic:Cenic",
     "cundall": "harness.peers.cundall:Cundall",
 }
+"""Name → module:Class, for scenes in the plane, …"""
 IN_SPACE = {
     OURS: "harness.peers.ours:GlambdaInSpace",
     "mujoco": "harness.peers.mujoco:MuJoCoInSpace",
@@ -38,7 +39,7 @@ IN_SPACE = {
     "drake": "harness.peers.drake:DrakeInSpace",
     "bullet": "harness.peers.bullet:Bullet",
 }
-"""Name → module:Class."""
+"""… and in space."""
 NAMES = tuple(dict.fromkeys((*ENGINES, *IN_SPACE)))
 REMEDY = "pip install 'glambda[peers]'"
 

@@ -141,6 +141,12 @@ def one_friction(scene: Scene | SpaceScene) -> float:
     return scene.mu
 
 
+def gravity_of(scene: Scene | SpaceScene) -> tuple[float, float, float]:
+    """Acceleration (3,) [m/s²]: along −y of the plane, −z of space."""
+    g = -scene.gravity
+    return (0.0, 0.0, g) if isinstance(scene, SpaceScene) else (0.0, g, 0.0)
+
+
 class GroundBox(NamedTuple):
     """A half plane as a box: middle, sides and angle [m, rad], and corners (4, 2)."""
 

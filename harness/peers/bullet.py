@@ -10,11 +10,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pybullet
-from scipy.spatial.transform import Rotation
 
-from harness.peers.base import Settings, Stepped, one_friction
+from harness.peers.base import Settings, Stepped, gravity_of, one_friction
 from harness.peers.in_space import state_of
 from problems.qp import Vector
+from problems.space.attitude import rotations
 from problems.space.scene import SpaceScene
 
 TIGHT = 1e-14
@@ -34,7 +34,7 @@ class Bullet(Stepped):
     def __init__(self, scene: SpaceScene, h: float, iterations: int = 0, solver: str = "") -> None:
         super().__init__(h)
         self.client = pybullet.connect(pybullet.DIRECT)
-        self._call("setGravity", 0.0, 0.0, -scene.gravity)
+        self._call("setGravity", *gravity_of(scene))
         self._call("setPhysicsEngineParameter", fixedTimeStep=h, numSubSteps=0)
         if iterations:
             self._call("setPhysicsEngineParameter", numSolverIterations=iterations,
@@ -85,5 +85,5 @@ class Bullet(Stepped):
     def state(self) -> tuple[Vector, Vector]:
         at = [self._call("getBasePositionAndOrientation", body) for body in self.bodies]
         v = [np.concatenate(self._call("getBaseVelocity", body)) for body in self.bodies]
-        R = Rotation.from_quat([turned for _, turned in at]).as_matrix()
+        R = rotations(np.roll([turned for _, turned in at], 1, axis=1))
         return state_of(np.array([centre for centre, _ in at]), R), np.array(v)

@@ -13,7 +13,14 @@ import dartpy
 import numpy as np
 from numpy.typing import ArrayLike
 
-from harness.peers.base import Settings, Stepped, centre_and_size, ground_boxes, one_friction
+from harness.peers.base import (
+    Settings,
+    Stepped,
+    centre_and_size,
+    gravity_of,
+    ground_boxes,
+    one_friction,
+)
 from harness.peers.in_space import slabs, state_of
 from problems.qp import Vector
 from problems.space.attitude import rotations
@@ -32,7 +39,6 @@ class Dart(Stepped):
         "NSGS, 1000 sweeps": {"sweeps": 1000},
     }
     model = "removes overlap at up to 0.1 m/s, in stock by q̇ itself"
-    up: ClassVar[int] = 1
 
     def __init__(
         self, scene: Any, h: float, iterations: int = 0, sweeps: int = 0, split: bool = False
@@ -41,7 +47,7 @@ class Dart(Stepped):
         self.mu = one_friction(scene)  # of a pair: the smaller one
         self.world = dartpy.simulation.World()
         self.skeletons: list[Any] = []
-        self.world.setGravity(-scene.gravity * np.eye(3)[self.up])
+        self.world.setGravity(gravity_of(scene))
         self.world.setTimeStep(h)
         self.world.getDeactivationOptions().mEnabled = False  # no sleeping
         constraints = self.world.getConstraintSolver()
@@ -101,7 +107,6 @@ class Dart(Stepped):
 
 class DartInSpace(Dart):
     in_space = True
-    up = 2
 
     def _build(self, scene: SpaceScene) -> None:
         for slab in slabs(scene):

@@ -21,7 +21,14 @@ from pydrake.multibody.tree import PlanarJoint, SpatialInertia, UnitInertia
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from harness.peers.base import Settings, Stepped, centre_and_size, ground_boxes, one_friction
+from harness.peers.base import (
+    Settings,
+    Stepped,
+    centre_and_size,
+    gravity_of,
+    ground_boxes,
+    one_friction,
+)
 from harness.peers.in_space import state_of
 from problems.qp import Vector
 from problems.space.attitude import rotations
@@ -33,8 +40,6 @@ HARDEST = 1e10
 """Stiffness of a point [N/m]."""
 DISSIPATION = 10.0
 """Of Hunt and Crossley [s/m]: as good as inelastic."""
-
-
 FINE = 0.1
 """Side of the triangles of a sphere with patches, over its radius."""
 
@@ -54,7 +59,6 @@ class Drake(Stepped):
         "has contacts that are damped springs, at corners that are rounded; relaxes Coulomb's law "
         "to a convex one, by which sliding contacts lift, less so if lagged"
     )
-    up: ClassVar[int] = 1
 
     def __init__(
         self, scene: Any, h: float, scheme: str = "sap", corner: float = 0.0,
@@ -69,7 +73,7 @@ class Drake(Stepped):
         )
         builder = DiagramBuilder()
         self.plant, graph = AddMultibodyPlant(config, builder)
-        self.plant.mutable_gravity_field().set_gravity_vector(-scene.gravity * np.eye(3)[self.up])
+        self.plant.mutable_gravity_field().set_gravity_vector(gravity_of(scene))
         self.boxes, self.corners = geometry.GeometrySet(), geometry.GeometrySet()
         self._build(scene)
         if corner:
@@ -128,7 +132,6 @@ class Drake(Stepped):
 
 class DrakeInSpace(Drake):
     in_space = True
-    up = 2
 
     def _build(self, scene: SpaceScene) -> None:
         world = self.plant.world_body()

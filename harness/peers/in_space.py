@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from harness.peers.base import GROUND_DEPTH, GROUND_MARGIN
 from problems.qp import Vector
-from problems.space.attitude import cross, rotations
+from problems.space.attitude import attitudes_of, cross, rotations
 from problems.space.contacts import Near
 from problems.space.motion import Pose
 from problems.space.scene import SpaceScene
@@ -92,7 +92,7 @@ def penetration(scene: SpaceScene, q: Vector) -> float:
     """The deepest overlap of two bodies, or of one and a plane, at any time [m]; at least 0."""
     near, deepest = Near(scene), 0.0
     for state in q:
-        points = near.points(Pose(state[:, :3], _attitudes(rotation(state))), 0.0)
+        points = near.points(Pose(state[:, :3], attitudes_of(rotation(state))), 0.0)
         deepest = max([deepest, *(-point.gap for point in points)])
     return float(deepest)
 
@@ -104,8 +104,3 @@ def moved(scene: SpaceScene, state: Vector) -> tuple[list[float], list[float]]:
     apart = np.linalg.norm(rotation(state) - rotation(start), axis=(1, 2))
     turn = 2 * np.arcsin(np.minimum(apart / np.sqrt(8), 1.0))  # ‖R − R₀‖ = 2√2 sin(turn/2)
     return drift.tolist(), turn.tolist()
-
-
-def _attitudes(R: Vector) -> Vector:
-    """Unit quaternions (n, 4) of rotation matrices (n, 3, 3)."""
-    return np.asarray(np.roll(Rotation.from_matrix(R).as_quat(), 1, axis=1))

@@ -14,12 +14,11 @@ from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from harness.peers.base import Settings, Stepped, is_box, one_friction
+from harness.peers.base import Settings, Stepped, gravity_of, is_box, one_friction
 from harness.peers.in_space import frame_of, state_of
 from problems.qp import Vector
-from problems.space.attitude import rotations
+from problems.space.attitude import attitudes_of, rotations
 from problems.space.scene import SpaceScene
 
 TOLERANCE, ITERATIONS, FRICTION_OVER_NORMAL = 1e-12, 100, 100.0
@@ -38,7 +37,6 @@ class MuJoCo(Stepped):
         "has contacts that are critically damped springs, whose time constant is 2 h if hard; "
         "relaxes Coulomb's law to a convex one, by which sliding contacts lift"
     )
-    up: ClassVar[int] = 1
 
     def __init__(
         self, scene: Any, h: float, impedance: float = 0.0, integrator: str = "IMPLICITFAST"
@@ -46,7 +44,7 @@ class MuJoCo(Stepped):
         super().__init__(h)
         self.spec, self.mu, self.impedance = mujoco.MjSpec(), one_friction(scene), impedance
         option = self.spec.option
-        option.timestep, option.gravity = h, -scene.gravity * np.eye(3)[self.up]
+        option.timestep, option.gravity = h, gravity_of(scene)
         if impedance:
             option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
             option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
@@ -106,20 +104,20 @@ class MuJoCo(Stepped):
 
 class MuJoCoInSpace(MuJoCo):
     in_space = True
-    up = 2
 
     def _build(self, scene: SpaceScene) -> None:
         kinds = mujoco.mjtGeom
         for plane in scene.planes:
             made = self._geom(self.spec.worldbody, kinds.mjGEOM_PLANE, (0.0, 0.0, 1.0))
-            x, y, z, w = Rotation.from_matrix(frame_of(plane.normal)).as_quat()
-            made.pos, made.quat = plane.point, (w, x, y, z)
+            made.pos, made.quat = plane.point, attitudes_of(frame_of(plane.normal))
         for solid in scene.solids:
             body = self._body(solid.mass, solid.inertia)
             body.add_freejoint()
-            half = 0.5 * np.array(solid.sides)
-            kind, size = (kinds.mjGEOM_BOX, half) if solid.is_box else (kinds.mjGEOM_SPHERE, None)
-            self._geom(body, kind, (solid.radius, 0.0, 0.0) if size is None else tuple(size))
+            if solid.is_box:
+                x, y, z = (0.5 * side for side in solid.sides)
+                self._geom(body, kinds.mjGEOM_BOX, (x, y, z))
+            else:
+                self._geom(body, kinds.mjGEOM_SPHERE, (solid.radius, 0.0, 0.0))
 
     def _start(self, scene: SpaceScene) -> None:
         self.data.qpos[:] = np.hstack([scene.centres, scene.attitudes]).ravel()

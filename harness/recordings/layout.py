@@ -287,8 +287,8 @@ def pack(recording: Any) -> dict[str, NDArray[Any]]:
             "<f8",
         )
     if recording.space is not None:
-        names = [*OF_SPACE, *OF_HULLS] if recording.space.corners is not None else OF_SPACE
-        out |= zip(names, recording.space, strict=False)
+        moving = zip((*OF_SPACE, *OF_HULLS), recording.space, strict=True)
+        out |= {name: values for name, values in moving if values is not None}
     return {
         name: _texts(out[name])
         if field.dtype == "S"

@@ -7,6 +7,8 @@ are not added to: they are turned by rotation vectors, and stay of unit length t
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from problems.qp import Vector
 
@@ -18,6 +20,11 @@ def attitude(axis: tuple[float, float, float], angle: float) -> Vector:
     """The attitude (4,) of a body turned by `angle` [rad] about an axis of the world."""
     unit = np.asarray(axis, float) / np.linalg.norm(axis)
     return np.append(np.cos(angle / 2), np.sin(angle / 2) * unit)
+
+
+def attitudes_of(R: ArrayLike) -> Vector:
+    """The attitudes (…, 4) of rotation matrices (…, 3, 3); `rotations` the other way round."""
+    return np.asarray(np.roll(Rotation.from_matrix(R).as_quat(), 1, axis=-1))
 
 
 def turned(e: Vector, turn: Vector) -> Vector:

@@ -92,20 +92,15 @@ class Near:
 
     def _between(self, a: int, b: int, pose: Pose, R: Vector, margin: float) -> list[Point]:
         one, two = self.solids[a], self.solids[b]
-        if one.is_box and two.is_box:
-            first = BoxAt(pose.centres[a], R[a], 0.5 * np.array(one.sides))
-            second = BoxAt(pose.centres[b], R[b], 0.5 * np.array(two.sides))
-            return [
-                Point((a, b, feature), a, b, gap, place, n)
-                for feature, gap, place, n in box_box(first, second, margin)
-            ]
         if not (one.radius or two.radius):
-            return [
-                Point((a, b, feature), a, b, gap, place, n)
-                for feature, gap, place, n in hull_hull(
-                    one.hull.at(pose.centres[a], R[a]), two.hull.at(pose.centres[b], R[b]), margin
-                )
-            ]
+            if one.is_box and two.is_box:
+                first = BoxAt(pose.centres[a], R[a], 0.5 * np.array(one.sides))
+                second = BoxAt(pose.centres[b], R[b], 0.5 * np.array(two.sides))
+                found = box_box(first, second, margin)
+            else:
+                hulls = one.hull.at(pose.centres[a], R[a]), two.hull.at(pose.centres[b], R[b])
+                found = hull_hull(*hulls, margin)
+            return [Point((a, b, f), a, b, gap, place, n) for f, gap, place, n in found]
         if not one.radius:
             a, b, one, two = b, a, two, one
         centre = pose.centres[b]

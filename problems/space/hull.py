@@ -23,6 +23,8 @@ from problems.qp import Vector
 from problems.space.attitude import cross
 from problems.space.box_box import EDGES, FACE, OTHER_FACE, PREFERENCE, SAME, Found
 
+ALIKE, PARALLEL = 1e-7, 1e-6
+"""Outer normals this near are of one face, and edges whose product is this small have no axis."""
 FLAT = 1e-9
 """Corners this near to the plane of a face are of it, over the size of the hull."""
 MOST = 300
@@ -59,7 +61,7 @@ class Hull(NamedTuple):
         size = float(np.linalg.norm(corners - corners.mean(axis=0), axis=1).max())
         planes: list[Vector] = []
         for plane in made.equations[np.lexsort(made.equations.round(9).T)]:
-            if all(np.abs(plane[:3] - kept[:3]).max() > 1e-7 for kept in planes):
+            if all(np.abs(plane[:3] - kept[:3]).max() > ALIKE for kept in planes):
                 planes.append(plane)
         faces = tuple(_round(corners, plane, FLAT * size) for plane in planes)
         edges = sorted(
@@ -150,7 +152,7 @@ def _edges(a: Hull, b: Hull) -> tuple[int, float, Vector, Vector] | None:
     n = cross(u[:, None], w[None]).reshape(-1, 3)
     length = np.linalg.norm(n, axis=1)
     i, j = np.divmod(np.arange(len(n)), len(w))
-    sound = np.flatnonzero(length > 1e-6)
+    sound = np.flatnonzero(length > PARALLEL)
     n, i, j = n[sound] / length[sound, None], i[sound], j[sound]
     between = a.corners[a.edges[i, 0]] - b.corners[b.edges[j, 0]]
     n[n @ (a.corners.mean(axis=0) - b.corners.mean(axis=0)) < 0] *= -1

@@ -11,10 +11,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import Delaunay
-from scipy.spatial.transform import Rotation
 
 from problems.bodies.checks import check_number
 from problems.qp import Vector
+from problems.space.attitude import attitudes_of
 from problems.space.hull import Hull
 
 Triple = tuple[float, float, float]
@@ -116,9 +116,8 @@ def polyhedron(points: ArrayLike, density: float = 1.0) -> tuple[Solid, Vector, 
     axes = _principal(second)
     spread = np.einsum("ij,ik,kj->j", axes, second, axes)
     x, y, z = (float(spread.sum() - each) for each in spread)
-    turned = np.roll(Rotation.from_matrix(axes).as_quat(), 1)
     made = Solid(mass, (x, y, z), points=tuple(map(tuple, ((corners - centre) @ axes).tolist())))
-    return made, centre, np.asarray(turned)
+    return made, centre, attitudes_of(axes)
 
 
 def _principal(second: Vector) -> Vector:

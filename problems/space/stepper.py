@@ -255,10 +255,10 @@ class SpaceStepper:
         def clear(length: float) -> float:
             return self.active.least_clearance(self.pose.moved(self._way(length)), skip)
 
-        while clear(h) < -TOUCH_TOL:
+        while (last := clear(h)) < -TOUCH_TOL:
             start = clear(0.0)
             level = 0.0 if start > 0 else min(start, 0.0) - TOUCH_TOL
-            at = _root(clear, level, h) if clear(h) < level else h
+            at = _root(clear, level, h) if last < level else h
             if clear(at) > max(level, TOUCH_TOL):  # a point that is there all at once
                 at = _beyond(clear, level, at, h)
             pose = self.pose.moved(self._way(at))

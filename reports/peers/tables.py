@@ -255,8 +255,8 @@ def _growth_notes(part: pd.DataFrame) -> list[str]:
         fastest = own.groupby(["engine", "bodies"], sort=False)["cpu_step"].min().unstack()
         powers = [
             f"{engine} {np.polyfit(np.log(times.index), np.log(times), 1)[0]:.2f}"
-            for engine, times in ((each, fastest.loc[each].dropna()) for each in fastest.index)
-            if len(times) > 2
+            for engine, row in fastest.iterrows()
+            if len(times := row.dropna()) > 2
         ]
         if powers:
             text = f"{name}, any number of bodies: CPU time per step, in the fastest setting, grows"

@@ -115,7 +115,10 @@ def test_an_edge_on_an_edge_touches_at_one_point():
     [
         (lambda: Solid(0.0, (1.0, 1.0, 1.0)), "mass"),
         (lambda: Solid(1.0, (1.0, 1.0, 3.0)), "no body has such moments"),
-        (lambda: Solid(1.0, (1.0, 1.0, 1.0), radius=1.0, sides=(1.0, 1.0, 1.0)), "a body has one shape"),
+        (
+            lambda: Solid(1.0, (1.0, 1.0, 1.0), radius=1.0, sides=(1.0, 1.0, 1.0)),
+            "a body has one shape",
+        ),
         (lambda: Plane(normal=(0.0, 0.0, 0.0)), "normal"),
         (lambda: fallen(ball(0.5), (0.0, 0.0, 1.0), faces=5), "faces"),
         (lambda: fallen(ball(0.5), (0.0, 0.0, np.nan)), "centres"),
