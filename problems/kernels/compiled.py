@@ -28,6 +28,9 @@ FAST_MATH = frozenset({"reassoc", "contract", "nsz"})
 
 FOLDERS: set[Path] = set()
 """Where machine code is kept."""
+HOME = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "glambda"
+"""Where these folders are: the user's cache, also in a process that is given one of its own later
+(`harness.processes.own_process`) and would compile everything anew."""
 
 
 def cache_folder(sources: Sequence[Path]) -> Path:
@@ -36,8 +39,7 @@ def cache_folder(sources: Sequence[Path]) -> Path:
     for source in sources:
         key.update(source.read_bytes())
     key.update(os.environ.get("NUMBA_BOUNDSCHECK", "").encode())
-    home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    folder = Path(home) / "glambda" / f"kernels-{key.hexdigest()[:16]}"
+    folder = HOME / f"kernels-{key.hexdigest()[:16]}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:

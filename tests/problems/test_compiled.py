@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numba.core.errors import TypingError
 
-from problems.kernels.compiled import SOURCES
+from problems.kernels.compiled import SOURCES, cache_folder
 from problems.kernels.numba_internals import in_place, known
 from problems.kernels.sources import defining, sources
 
@@ -98,6 +98,14 @@ def test_another_numba_is_done_without_its_insides(tmp_path: Path) -> None:
     run = [sys.executable, str(script)]
     done = subprocess.run(run, capture_output=True, text=True, check=True, env=apart)
     assert done.stdout.split() == ["15.0"] and "0.99.0" in done.stderr
+
+
+def test_a_process_given_a_cache_of_its_own_still_finds_what_was_compiled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = cache_folder(SOURCES)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert cache_folder(SOURCES) == before and not any(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
