@@ -21,7 +21,7 @@ from problems.qp import ContactQP, Solution, Status
 from problems.qp_kernel import CompiledMethod
 
 if TYPE_CHECKING:
-    from problems.stepping.run import Run
+    from problems.stepping.run import Simulated
 
 WARM_KINDS = ("step", "iteration", "corrector")
 """Kinds of QP that end a step; they follow one another smoothly enough for a warm start."""
@@ -39,7 +39,7 @@ class SimulationError(RuntimeError):
     run : the motion until then, see `problems.simulate`
     """
 
-    run: Run | None = None
+    run: Simulated | None = None
 
 
 class QPSequence:

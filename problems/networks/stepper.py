@@ -39,8 +39,8 @@ from problems.networks.run import NetworkRun
 from problems.networks.step import NetworkQPs, NetworkStep, Past, State
 from problems.qp import Vector
 from problems.sequence import QPSequence, SolvesQPs
-from problems.stepping.options import StepperOptions
-from problems.stepping.run import Event
+from problems.stepping.options import StepperOptions, end_of
+from problems.stepping.run import Event, kept_until_then
 
 Mask = NDArray[np.bool_]
 FIRST_ORDER = 2
@@ -64,29 +64,19 @@ def simulate(
     settings : of `StepperOptions`, those of `USED`
 
     Raises ValueError for bad settings and for those that are about contacts, `SimulationError`
-    where the simulation cannot go on.
+    where the simulation cannot go on.  Whatever ends it early has the motion until then as its
+    `run`.
     """
     options = StepperOptions.of(network.eps if eps is None else eps, **settings)
-    _refuse_contact_options(options)
-    end = network.end_time if until is None else float(until)
-    if not (np.isfinite(end) and end > 0):
-        raise ValueError(f"until = {end!r}; it must be a positive time")
+    options.refuse_all_but(USED, "is about contacts of bodies, and a network has none")
+    end = end_of(network.end_time, until)
     stepper = NetworkStepper(network, solver, options, end, keep_qps)
-    while stepper.t < end:
-        stepper.advance()
-        if progress is not None:
-            progress(stepper.t)
+    with kept_until_then(stepper.kept, stepper.finish):
+        while stepper.t < end:
+            stepper.advance()
+            if progress is not None:
+                progress(stepper.t)
     return stepper.finish()
-
-
-def _refuse_contact_options(options: StepperOptions) -> None:
-    default = asdict(StepperOptions.of(options.eps))
-    for name, value in asdict(options).items():
-        if name not in USED and value != default[name]:
-            raise ValueError(
-                f"{name} = {value!r} is about contacts of bodies, and a network has none; leave it "
-                f"out ({', '.join(USED)} are used)"
-            )
 
 
 @final

@@ -121,8 +121,14 @@ def polyhedron(points: ArrayLike, density: float = 1.0) -> tuple[Solid, Vector, 
 
 
 def _principal(second: Vector) -> Vector:
-    """Axes (3, 3), as columns, in which moments are diagonal: the given ones where they do."""
+    """Axes (3, 3), as columns, in which moments are diagonal: the given ones where they do.
+
+    The largest component of the first two is positive, whatever LAPACK makes of their signs.
+    """
     if np.abs(second - np.diag(np.diag(second))).max() <= 1e-12 * np.trace(second):
         return np.eye(3)
     _, axes = np.linalg.eigh(second)
-    return np.asarray(axes * np.sign(np.linalg.det(axes)))
+    largest = np.abs(axes).round(6).argmax(axis=0)  # the first of those that rounding makes two
+    axes = axes * np.sign(axes[largest, range(3)])
+    axes[:, 2] *= np.sign(np.linalg.det(axes))
+    return np.asarray(axes)

@@ -45,8 +45,8 @@ from problems.space.passes import Moved, Poser, VelocityStep, gap_speeds, slips
 from problems.space.run import SpaceRun
 from problems.space.scene import SpaceScene
 from problems.stepping.events import TOUCH_TOL
-from problems.stepping.options import StepperOptions
-from problems.stepping.run import Event
+from problems.stepping.options import StepperOptions, end_of
+from problems.stepping.run import Event, kept_until_then
 
 FIRST_ORDER = 2
 """Steps of order 1 after a restart (§3.1)."""
@@ -75,30 +75,20 @@ def simulate(
     settings : of `StepperOptions`, those of `USED`
 
     Raises ValueError for bad settings, for those that are of the plane alone and for bodies that
-    overlap at the start, `SimulationError` where the simulation cannot go on.
+    overlap at the start, `SimulationError` where the simulation cannot go on.  Whatever ends it
+    early has the motion until then as its `run`.
     """
     options = StepperOptions.of(scene.eps if eps is None else eps, **settings)
-    _refuse_options_of_the_plane(options)
-    end = scene.end_time if until is None else float(until)
-    if not (np.isfinite(end) and end > 0):
-        raise ValueError(f"until = {end!r}; it must be a positive time")
+    options.refuse_all_but(USED, "is of scenes in the plane")
+    end = end_of(scene.end_time, until)
     stepper = SpaceStepper(scene, solver, options, keep_qps)
-    stepper.start()
-    while stepper.t < end - SHORTEST_STEP:
-        stepper.advance(end)
-        if progress is not None:
-            progress(stepper.t)
+    with kept_until_then(stepper.kept, stepper.finish):
+        stepper.start()
+        while stepper.t < end - SHORTEST_STEP:
+            stepper.advance(end)
+            if progress is not None:
+                progress(stepper.t)
     return stepper.finish()
-
-
-def _refuse_options_of_the_plane(options: StepperOptions) -> None:
-    default = asdict(StepperOptions.of(options.eps))
-    for name, value in asdict(options).items():
-        if name not in USED and value != default[name]:
-            raise ValueError(
-                f"{name} = {value!r} is of scenes in the plane; leave it out "
-                f"({', '.join(USED)} are used)"
-            )
 
 
 class Trial(NamedTuple):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -61,6 +62,15 @@ class StepperOptions:
         rest_speed = 2 * eps if rest_speed is None else rest_speed
         return cls(eps=eps, drop_tol=drop_tol, rest_speed=rest_speed, **more)
 
+    def refuse_all_but(self, used: Sequence[str], reason: str) -> None:
+        """Raise ValueError for an option that is not the default and not one of `used`."""
+        default = asdict(StepperOptions.of(self.eps))
+        for name, value in asdict(self).items():
+            if name not in used and value != default[name]:
+                raise ValueError(
+                    f"{name} = {value!r} {reason}; leave it out ({', '.join(used)} are used)"
+                )
+
     def __post_init__(self) -> None:
         for name in ("eps", "drop_tol", "h_first", "h_max", "rest_speed", "drift_time"):
             value = getattr(self, name)
@@ -80,3 +90,14 @@ class StepperOptions:
             raise ValueError(f"order = {self.order!r}; choose 1 or 2")
         if self.friction not in ("paper", "corrected"):
             raise ValueError(f'friction = {self.friction!r}; choose "paper" or "corrected"')
+
+
+def end_of(end_time: float, until: float | None) -> float:
+    """When a simulation ends: `until` [s] if it is given, else with the scene.
+
+    Raises ValueError, with the name of the one that is wrong.
+    """
+    name, end = ("end_time", end_time) if until is None else ("until", float(until))
+    if not (np.isfinite(end) and end > 0):
+        raise ValueError(f"{name} = {end!r}; it must be a positive time")
+    return end

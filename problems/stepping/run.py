@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence, Sized
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -35,6 +36,20 @@ EVENT_KINDS = (
 such friction (`problems.stepping.gain`).  roll_over: a disc or an ellipse goes on from an edge to
 the corner at its end, or back.  overlap: two parts overlap by more than drift may leave; what
 should have kept them apart was found late, or they overlap far too deep whatever keeps them now."""
+
+
+@contextmanager
+def kept_until_then(kept: Sized, finish: Callable[[], Simulated]) -> Iterator[None]:
+    """Whatever ends a simulation early, Ctrl-C too, has the motion until then as its `run`.
+
+    kept : accepted states;  finish : makes the run of them
+    """
+    try:
+        yield
+    except BaseException as error:
+        if len(kept):
+            error.run = finish()  # type: ignore[attr-defined]
+        raise
 
 
 class Stretch(NamedTuple):

@@ -60,9 +60,9 @@ from problems.stepping.events import (
     touching,
     touching_stops,
 )
-from problems.stepping.options import StepperOptions
+from problems.stepping.options import StepperOptions, end_of
 from problems.stepping.records import AGAIN, GIVES_UP, HELD, LOOK, MEETS, STANDS
-from problems.stepping.run import Run
+from problems.stepping.run import Run, kept_until_then
 from problems.stepping.steps import MAX_TRIES
 from problems.stepping.system import System
 from problems.stepping.transitions import Transitions
@@ -102,22 +102,15 @@ def simulate(
     Whatever ends it early, Ctrl-C too, has the motion until then as its `run`.
     """
     options = StepperOptions.of(scene.eps if eps is None else eps, **settings)
-    end = scene.end_time if until is None else float(until)
-    if not (np.isfinite(end) and end > 0):
-        name = "end_time" if until is None else "until"
-        raise ValueError(f"{name} = {end!r}; it must be a positive time")
+    end = end_of(scene.end_time, until)
     stepper = Stepper(scene, solver, options, keep_qps)
     system = stepper.system
-    try:
+    with kept_until_then(system.stretches, system.finish):
         stepper.start()
         while system.t < end - SHORTEST_STEP and not stepper.at_rest:
             stepper.advance(end)
             if progress is not None:
                 progress(system.t)
-    except BaseException as error:
-        if system.stretches:
-            error.run = system.finish()  # type: ignore[attr-defined]
-        raise
     return system.finish()
 
 

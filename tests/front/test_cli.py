@@ -195,6 +195,18 @@ def test_a_run_that_ends_early_writes_what_it_has(
     assert result.exit_code == code and "is kept by --trajectory" in result.stderr
 
 
+@pytest.mark.parametrize(("scene", "column"), [("bowl", "x"), ("half_wave,end_time=0.6", "i load")])
+def test_what_is_no_scene_of_the_plane_keeps_its_motion_too(
+    scene: str, column: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("solvers.make_solver", lambda name: Tired(ArithmeticError("no more")))
+    table = tmp_path / "motion.csv"
+    result = glambda("simulate", scene, "--trajectory", table)
+    assert result.exit_code == 1 and f"the motion until then is in {table}" in result.stderr
+    motion = pd.read_csv(table)
+    assert 0.4 < motion["t"].max() <= 0.5 and column in motion
+
+
 def test_simulate_draws(tmp_path: Path) -> None:
     picture = tmp_path / "fig3.png"
     result = glambda("simulate", "fig3", "--until", 0.3, "--plot", picture)
