@@ -80,6 +80,17 @@ def test_corners_are_where_they_were_given() -> None:
     np.testing.assert_allclose(inside.mean(axis=0), 0.0, atol=0.01)
 
 
+def test_axes_do_not_hang_on_the_signs_that_lapack_chooses(monkeypatch: pytest.MonkeyPatch) -> None:
+    points = np.random.default_rng(5).normal(size=(9, 3))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    solid, _, turned = polyhedron(points)
+    axes_of = np.linalg.eigh
+    for signs in ([-1, 1, 1], [1, -1, -1], [-1, -1, -1]):
+        monkeypatch.setattr(np.linalg, "eigh", lambda A, s=signs: (0, axes_of(A)[1] * s))
+        same, _, as_well = polyhedron(points)
+        assert same == solid and (as_well == turned).all()
+
+
 @pytest.mark.parametrize(
     ("points", "message"),
     [
