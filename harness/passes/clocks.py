@@ -8,7 +8,8 @@ is seen of a solve is therefore the greater of
            count in equal parts for all QPs
 
 less what asking takes by itself: the same, of `bench.Nobody`, who is asked the same QPs in the same
-arm in every round, just as long as the machine is as it is.
+arm in every round, just as long as the machine is as it is.  Who gives no answer has all of the
+time that was waited for it, which is then beyond the limit (`harness.study.replay.is_done`).
 
 1. The call that is told counts where no more is seen but for `slack`, that is `SLACK`, the scatter
    of asking, and asking once more, as it takes longer after a long solve; else what is seen is the
@@ -88,7 +89,7 @@ def counted(times: Vector, asking: Asking, stranger: bool = False) -> Counted:
     own, call, ask = times[:, :3], times[:, 3], asking.times[:, 0]
     total = own.sum(axis=1)
     with np.errstate(invalid="ignore"):
-        wall, cpu = (seen(times) - asking.times).T
+        wall, cpu = (seen(times) - np.where(np.isnan(call)[:, None], 0.0, asking.times)).T
         slack = SLACK + ask + asking.scatter[0]
         busy = cpu - asking.scatter[1] > wall + slack + PARALLEL * np.fmax(call, 0.0)
         outside = np.maximum(np.where(busy, cpu, wall), 0.0)

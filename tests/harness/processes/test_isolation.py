@@ -431,6 +431,12 @@ def test_where_nothing_can_be_believed_the_whole_call_is_charged(own: Any, absur
         assert count(*own, call, 1010, 0, 1000)[0][3:] == [1010, 0]
 
 
+def test_who_is_not_back_has_all_of_the_time_that_was_waited() -> None:
+    slow = Asking(np.array([[0.05, 0.01]]), np.zeros(2))  # on a busy machine
+    found, _ = count(*[np.nan] * 4, 2_000_100, 0, np.nan, asking=slow)
+    assert found[3:] == [2_000_100, 0]
+
+
 def test_causes_of_death_have_names() -> None:
     assert cause_of_death(-11) == "SIGSEGV"
     assert cause_of_death(-64 - 1) == "signal 65"
