@@ -3,8 +3,9 @@
 For each family of scenes and each number of bodies, smallest first:
 
 1. A short motion is recorded, `STEPS` steps of `STEP` seconds without error control, so that all
-   sizes are asked the same.  Beyond `CROSSOVER` columns A is stored sparse, which every package
-   that takes sparse matrices is faster with, and with a pattern that keeps (`whole_bodies`).
+   sizes are asked the same, and no more than the first `MOST` of its QPs, of which friction poses
+   hundreds.  Beyond `CROSSOVER` columns A is stored sparse, which every package that takes sparse
+   matrices is faster with, and with a pattern that keeps (`whole_bodies`).
 2. It is replayed at accuracy `high` through the backends (`harness.study.replay`: interleaved
    passes, answers judged, the least time of each QP counts), each warm, or cold where it has no way
    of keeping anything from one QP to the next.
@@ -57,6 +58,8 @@ SOLVERS = (
 """Who is tried where nobody is named, if it is installed."""
 STEPS, STEP = 8, 0.005
 """Steps of a sequence, and their length [s]."""
+MOST = 60
+"""QPs of a sequence."""
 COORDINATES = 3
 """Of a body."""
 FAR = 4.0
@@ -133,7 +136,8 @@ def sequence(folder: Path, family: str, bodies: int, progress: Progress | None =
 
     def make() -> Recording:
         run = simulate(scene, make_solver("glambda"), **how)
-        run = replace(run, qps=[_stored(qp) for qp in run.qps])
+        qps = [_stored(qp) for qp in run.qps[:MOST]]
+        run = replace(run, qps=qps, solutions=run.solutions[:MOST])
         return recording_of(run, "glambda", until=how["until"], progress=progress)
 
     return recording_in(folder / "recordings", scene, how_run(scene, **how), make)

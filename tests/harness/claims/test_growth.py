@@ -13,7 +13,7 @@ import pytest
 import scipy.sparse as sp
 
 from harness.claims import growth
-from harness.claims.growth import Plan, exponent, measure_growth, sequence, whole_bodies
+from harness.claims.growth import MOST, Plan, exponent, measure_growth, sequence, whole_bodies
 from harness.judging.facts import facts_of
 from harness.judging.judge import judge
 from harness.passes.measure import run_pass
@@ -65,6 +65,12 @@ def test_a_damaged_recording_is_made_anew(tmp_path: Path) -> None:
     path = tmp_path / "recordings" / f"{first.scene}.h5"
     path.write_bytes(path.read_bytes()[:1000])
     assert sequence(tmp_path, "tower", 3).digest == first.digest
+
+
+def test_no_more_than_the_first_qps_of_a_sequence_are_asked(tmp_path: Path) -> None:
+    recording = sequence(tmp_path, "wall,mu=0.5", 12)
+    assert len(recording.qps) == len(recording.solutions) == MOST
+    assert recording.qps[0].restart
 
 
 def test_large_matrices_are_stored_sparse_and_keep_their_pattern(folder: Path) -> None:
