@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from harness.files.plain_files import Unreadable, open_plain
 from harness.files.seal import BLOCK, block, intact, put_seal
 from harness.machine.memory import available_memory
-from harness.recordings.layout import OF_HULLS, OF_SPACE, check_lengths, fields_of
+from harness.recordings.layout import OF_DISCS, OF_HULLS, OF_SPACE, check_lengths, fields_of
 
 FORMAT = "glambda recording"
 VERSION = 3
@@ -129,17 +129,16 @@ def _read_counts(file: h5py.File, wrong: Wrong) -> dict[str, int]:
     return {name: _attribute(group, name, int, wrong) for name in sorted(group.attrs)}
 
 
-def _in_space(file: h5py.File) -> list[str]:
-    """Names of datasets that there should be of bodies in space."""
-    if "space" not in file:
-        return []
-    return [*OF_SPACE, *(OF_HULLS if "space/corners" in file else ())]
+def beyond_the_plane(file: h5py.File) -> list[str]:
+    """Names of datasets that there should be of bodies in space, and of their friction."""
+    names = {"space": OF_SPACE, "space/corners": OF_HULLS, "discs": OF_DISCS}
+    return [name for there, group in names.items() if there in file for name in group]
 
 
 def _read_arrays(file: h5py.File, wrong: Wrong) -> dict[str, NDArray[Any]]:
     """All arrays (`fields_of`), once their places, types and sizes are known to be sound."""
     datasets: dict[str, h5py.Dataset] = {}
-    for name, field in fields_of(_in_space(file)).items():
+    for name, field in fields_of(beyond_the_plane(file)).items():
         group, _, member = name.partition("/")
         dataset = _member(_member(file, group, h5py.Group, wrong), member, h5py.Dataset, wrong)
         kind = "S" if dataset.dtype.kind == "S" else dataset.dtype.str
@@ -156,7 +155,7 @@ def _read_arrays(file: h5py.File, wrong: Wrong) -> dict[str, NDArray[Any]]:
         raise wrong("file", "is smaller than the arrays it claims to hold")
     needed = (
         size
-        + QP_BYTES * len(datasets["qps/m"])
+        + QP_BYTES * sum(len(datasets[name]) for name in ("qps/m", "discs/m") if name in datasets)
         + ENTRY_BYTES
         * sum(
             len(datasets[name])

@@ -1,7 +1,8 @@
 """The arrays of a recording file: their names, types, units and sizes, and both ways through.
 
-1. `FIELDS` is the table of all datasets, but for those of bodies in space (`OF_SPACE`, `OF_HULLS`),
-   which only a file with such bodies holds; the file carries the same words as attributes.
+1. `FIELDS` is the table of all datasets, but for those of bodies in space (`OF_SPACE`, `OF_HULLS`)
+   and of their friction (`OF_DISCS`), which only a file with such holds; the file carries the same
+   words as attributes.
 2. `pack` joins the quantities of all QPs into flat arrays, in solve order.
 3. `check_lengths` tells from the few small arrays of sizes how long every other must be.
 4. `unpack` cuts the flat arrays up again; the types `ContactQP` and `Solution` check the values.
@@ -11,7 +12,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import fields
 from functools import reduce
 from operator import or_
@@ -22,6 +23,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from problems.qp import FEATURE_FIELDS, ContactQP, Solution, Status, WorkCounts
+from problems.space.discs import DiscQP
 from problems.space.solids import Solid
 
 WORK = tuple(entry.name for entry in fields(WorkCounts))
@@ -98,9 +100,26 @@ OF_HULLS: dict[str, Field] = {
     "space/corner_count": Field("<i8", (), "1", "corners of each solid that is a polyhedron, or 0"),
     "space/corners": Field("<f8", (3,), "m", "corners in axes of the solid"),
 }
-"""… and of one with polyhedra among them."""
+"""… of one with polyhedra among them, …"""
+OF_DISCS: dict[str, Field] = {
+    **{
+        f"discs/{name}": FIELDS[f"qps/{name}"]
+        for name in (
+            *("m", "k", "A_nnz", "A_data", "A_indices", "A_indptr"),
+            *("d", "lower", "upper", "t"),
+        )
+    },
+    "discs/count": Field("<i8", (), "1", "discs of each QP"),
+    "discs/pairs": Field("<i8", (2,), "1", "columns i, j of A: |(x_i, x_j)| is at most the radius"),
+    "discs/radius": Field("<f8", (), "SI", "radius of each disc, mu lambda_N (6.1)"),
+    "discs/x": Field("<f8", (), "SI", "the stepper's own x, found by bounds alone"),
+}
+"""… and of one that knows the QPs with Coulomb's discs."""
 
-MAY_BE_INFINITE = {"qps/lower", "qps/upper", "references/error_bound"}
+MAY_BE_INFINITE = {
+    *("qps/lower", "qps/upper", "references/error_bound"),
+    *("discs/lower", "discs/upper"),
+}
 
 
 class SpaceMotion(NamedTuple):
@@ -151,9 +170,12 @@ class SpaceMotion(NamedTuple):
         )
 
 
+BEYOND_THE_PLANE = (OF_SPACE, OF_HULLS, OF_DISCS)
+
+
 def fields_of(names: Container[str]) -> dict[str, Field]:
     """The datasets of a file that holds these, or should."""
-    groups = (group for group in (OF_SPACE, OF_HULLS) if any(name in names for name in group))
+    groups = (group for group in BEYOND_THE_PLANE if any(name in names for name in group))
     return reduce(or_, groups, FIELDS)
 
 
@@ -161,44 +183,50 @@ def check_lengths(
     arrays: Mapping[str, NDArray[Any]], wrong: Callable[[str, str], ValueError]
 ) -> None:
     """Raise `wrong(field, what)` where the sizes of the arrays do not fit together."""
-    m, k, nnz, rows, polygons, corners = (
-        [int(value) for value in arrays[name].ravel()]  # Python integers do not overflow
+    sizes = _lengths_of_qps(arrays, "qps", wrong)
+    m, k, rows, polygons, corners = (
+        _integers(arrays[name])
         for name in (
-            *("qps/m", "qps/k", "qps/A_nnz", "qps/V_rows"),
+            *("qps/m", "qps/k", "qps/V_rows"),
             *("bodies/polygon_count", "bodies/corner_count"),
         )
     )
     n, bodies = len(m), len(polygons)
-    if not len(k) == len(nnz) == len(rows) == n:
-        raise wrong("qps/m", f"has {n} entries, k, A_nnz and V_rows {len(k)}, {len(nnz)}, …")
-    if min([0, *m, *k, *polygons, *corners]) < 0 or min([0, *nnz, *rows]) < -1:
-        raise wrong("qps/m", "it or another size is negative")
+    if len(rows) != n:
+        raise wrong("qps/V_rows", f"has {len(rows)} entries; there are {n} QPs")
+    if min([0, *polygons, *corners]) < 0 or min([0, *rows]) < -1:
+        raise wrong("qps/V_rows", "it or a number of corners is negative")
     if any(row > 0 and b == 0 for row, b in zip(rows, k, strict=True)):
         raise wrong("qps/V_rows", "asks for generators of no columns")
-    sparse = [s for s in nnz if s >= 0]
-    sizes = {
-        "qps/A_data": sum(a * b if s < 0 else s for a, b, s in zip(m, k, nnz, strict=True)),
-        "qps/A_indices": sum(sparse),
-        "qps/A_indptr": sum(b + 1 for b, s in zip(k, nnz, strict=True) if s >= 0),
+    sizes |= {
         "qps/V_data": sum(row * b for row, b in zip(rows, k, strict=True) if row >= 0),
         "bodies/corner_count": sum(polygons),
         "bodies/corners": sum(corners),
     }
-    for name in ("qps/d", "qps/D", "references/Ax"):
+    for name in ("qps/D", "references/Ax"):
         sizes[name] = sum(m)
-    for name in ("lower", "upper", "mu", "row_id", "feature"):
+    for name in ("mu", "row_id", "feature"):
         sizes[f"qps/{name}"] = sum(k)
     for name in ("solutions/x", "solutions/working_set", "references/x"):
         sizes[name] = sum(k)
+    defaults = {"bodies": bodies}
+    if "discs/m" in arrays:
+        defaults["discs"] = len(arrays["discs/m"])
+        sizes |= _lengths_of_qps(arrays, "discs", wrong)
+        discs = _integers(arrays["discs/count"])
+        if min([0, *discs]) < 0:
+            raise wrong("discs/count", "has a negative number of discs")
+        sizes |= {"discs/x": sum(_integers(arrays["discs/k"]))}
+        sizes |= dict.fromkeys(("discs/pairs", "discs/radius"), sum(discs))
     steps, events = arrays["motion/t"].shape[0], arrays["events/t"].shape[0]
     solids = arrays["space/solids"].shape[0] if "space/solids" in arrays else 0
     sizes["space/solids"] = sizes["space/corner_count"] = solids
     if "space/corner_count" in arrays:
-        counts = [int(value) for value in arrays["space/corner_count"].ravel()]
+        counts = _integers(arrays["space/corner_count"])
         if min([0, *counts]) < 0:
             raise wrong("space/corner_count", "has a negative number of corners")
         sizes["space/corners"] = sum(counts)
-    defaults = {"motion": steps, "space": steps, "events": events, "bodies": bodies}
+    defaults |= {"motion": steps, "space": steps, "events": events}
     named = {"bodies": bodies, "solids": solids}
     for name, field in fields_of(arrays).items():
         default = defaults.get(name.partition("/")[0], n)
@@ -206,6 +234,31 @@ def check_lengths(
         expected = (sizes.get(name, default), *columns)
         if arrays[name].shape != expected:
             raise wrong(name, f"has shape {arrays[name].shape}; the sizes ask for {expected}")
+
+
+def _integers(array: NDArray[Any]) -> list[int]:
+    """As Python's integers, which do not overflow."""
+    return [int(value) for value in array.ravel()]
+
+
+def _lengths_of_qps(
+    arrays: Mapping[str, NDArray[Any]], group: str, wrong: Callable[[str, str], ValueError]
+) -> dict[str, int]:
+    """How long the arrays of A, d and bounds of all QPs of a group must be."""
+    m, k, nnz = (_integers(arrays[f"{group}/{name}"]) for name in ("m", "k", "A_nnz"))
+    if not len(k) == len(nnz) == len(m):
+        raise wrong(f"{group}/m", f"has {len(m)} entries, k and A_nnz {len(k)} and {len(nnz)}")
+    if min([0, *m, *k]) < 0 or min([0, *nnz]) < -1:
+        raise wrong(f"{group}/m", "it or another size is negative")
+    sizes = {
+        "A_data": sum(a * b if s < 0 else s for a, b, s in zip(m, k, nnz, strict=True)),
+        "A_indices": sum(s for s in nnz if s >= 0),
+        "A_indptr": sum(b + 1 for b, s in zip(k, nnz, strict=True) if s >= 0),
+        "d": sum(m),
+        "lower": sum(k),
+        "upper": sum(k),
+    }
+    return {f"{group}/{name}": size for name, size in sizes.items()}
 
 
 def _texts(values: Sequence[str]) -> NDArray[Any]:
@@ -233,18 +286,11 @@ def pack(recording: Any) -> dict[str, NDArray[Any]]:
     for i, (qp, solution) in enumerate(zip(qps, solutions, strict=True)):
         if not np.array_equal(qp.row_id, solution.row_id):
             raise ValueError(f"solution {i} has other row_ids than its QP")
-    matrices: list[Any] = [qp.A for qp in qps]
-    sparse = [A for A in matrices if sp.issparse(A)]
     V = [qp.generators for qp in qps]
     work = [s.work or WorkCounts() for s in solutions]
     flat = [polygon for body in recording.polygons for polygon in body]
     out: dict[str, Any] = {
-        "qps/m": [qp.m for qp in qps],
-        "qps/k": [qp.k for qp in qps],
-        "qps/A_nnz": [A.nnz if sp.issparse(A) else -1 for A in matrices],
-        "qps/A_data": _join([A.data if sp.issparse(A) else A for A in matrices], "<f8"),
-        "qps/A_indices": _join([A.indices for A in sparse], "<i8"),
-        "qps/A_indptr": _join([A.indptr for A in sparse], "<i8"),
+        **_packed_qps(qps, "qps"),
         "qps/mu": _join(recording.mu, "<f8"),
         "qps/V_rows": [-1 if part is None else part.shape[0] for part in V],
         "qps/V_data": _join([part for part in V if part is not None], "<f8"),
@@ -272,11 +318,11 @@ def pack(recording: Any) -> dict[str, NDArray[Any]]:
         "events/kind": [event.kind for event in recording.events],
         "events/detail": [event.detail for event in recording.events],
     }
-    for name in ("d", "D", "lower", "upper", "row_id", "feature"):
+    for name in ("D", "row_id", "feature"):
         field = FIELDS[f"qps/{name}"]
         columns = (len(FEATURE_FIELDS),) if name == "feature" else ()
         out[f"qps/{name}"] = _join([getattr(qp, name) for qp in qps], field.dtype, columns)
-    for name in ("kind", "accepted", "restart", "t", "h", "alpha0", "eps0"):
+    for name in ("kind", "accepted", "restart", "h", "alpha0", "eps0"):
         out[f"qps/{name}"] = [getattr(qp, name) for qp in qps]
     for name, size in (("x", "k"), ("Ax", "m")):
         out[f"references/{name}"] = _join(
@@ -289,11 +335,44 @@ def pack(recording: Any) -> dict[str, NDArray[Any]]:
     if recording.space is not None:
         moving = zip((*OF_SPACE, *OF_HULLS), recording.space, strict=True)
         out |= {name: values for name, values in moving if values is not None}
+    if recording.discs:
+        out |= _packed_discs(recording.discs)
     return {
         name: _texts(out[name])
         if field.dtype == "S"
         else np.ascontiguousarray(out[name], dtype=field.dtype)
         for name, field in fields_of(out).items()
+    }
+
+
+def _packed_qps(qps: Sequence[Any], group: str) -> dict[str, Any]:
+    """A, d, bounds and time of QPs of either sort."""
+    matrices: list[Any] = [qp.A for qp in qps]
+    sparse = [A for A in matrices if sp.issparse(A)]
+    out = {
+        "m": [A.shape[0] for A in matrices],
+        "k": [A.shape[1] for A in matrices],
+        "A_nnz": [A.nnz if sp.issparse(A) else -1 for A in matrices],
+        "A_data": _join([A.data if sp.issparse(A) else A for A in matrices], "<f8"),
+        "A_indices": _join([A.indices for A in sparse], "<i8"),
+        "A_indptr": _join([A.indptr for A in sparse], "<i8"),
+        "t": [qp.t for qp in qps],
+        **{
+            name: _join([getattr(qp, name) for qp in qps], "<f8")
+            for name in ("d", "lower", "upper")
+        },
+    }
+    return {f"{group}/{name}": values for name, values in out.items()}
+
+
+def _packed_discs(discs: Sequence[tuple[DiscQP, Any]]) -> dict[str, Any]:
+    qps, answers = zip(*discs, strict=True)
+    return {
+        **_packed_qps(qps, "discs"),
+        "discs/count": [len(qp.radius) for qp in qps],
+        "discs/pairs": _join([qp.discs for qp in qps], "<i8", (2,)),
+        "discs/radius": _join([qp.radius for qp in qps], "<f8"),
+        "discs/x": _join(answers, "<f8"),
     }
 
 
@@ -336,6 +415,7 @@ def unpack(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
         "q": arrays["motion/q"],
         "v": arrays["motion/v"],
         "space": _in_space(moving) if moving else None,
+        "discs": tuple(_unpack_discs(take, arrays)) if "discs/m" in arrays else (),
         "events": list(
             zip(
                 arrays["events/t"].tolist(), text["events/kind"], text["events/detail"], strict=True
@@ -352,10 +432,27 @@ def _in_space(moving: Sequence[NDArray[Any]]) -> SpaceMotion:
     return motion
 
 
+def _unpack_discs(
+    take: _Reader, arrays: Mapping[str, NDArray[Any]]
+) -> Iterator[tuple[DiscQP, NDArray[np.float64]]]:
+    for i, t in enumerate(arrays["discs/t"].tolist()):
+        m, k, nnz, n = (int(arrays[f"discs/{name}"][i]) for name in ("m", "k", "A_nnz", "count"))
+        qp = DiscQP(
+            _matrix(take, "discs", m, k, nnz),
+            take("discs/d", m),
+            take("discs/lower", k),
+            take("discs/upper", k),
+            discs=take("discs/pairs", n),
+            radius=take("discs/radius", n),
+            t=t,
+        )
+        yield qp, take("discs/x", k)
+
+
 def _unpack_qp(take: _Reader, arrays: Mapping[str, NDArray[Any]], kind: str, i: int) -> ContactQP:
     m, k, nnz, rows = (int(arrays[f"qps/{n}"][i]) for n in ("m", "k", "A_nnz", "V_rows"))
     return ContactQP(
-        _matrix(take, m, k, nnz),
+        _matrix(take, "qps", m, k, nnz),
         take("qps/d", m),
         take("qps/lower", k),
         take("qps/upper", k),
@@ -405,12 +502,12 @@ class _Reader:
         return part
 
 
-def _matrix(take: _Reader, m: int, k: int, nnz: int) -> Any:
+def _matrix(take: _Reader, group: str, m: int, k: int, nnz: int) -> Any:
     if nnz < 0:
-        return take("qps/A_data", m * k).reshape(m, k)
-    data, indices = take("qps/A_data", nnz), take("qps/A_indices", nnz)
-    indptr = take("qps/A_indptr", k + 1)
+        return take(f"{group}/A_data", m * k).reshape(m, k)
+    data, indices = take(f"{group}/A_data", nnz), take(f"{group}/A_indices", nnz)
+    indptr = take(f"{group}/A_indptr", k + 1)
     inside = nnz == 0 or (indices.min() >= 0 and indices.max() < m)
     if indptr[0] != 0 or indptr[-1] != nnz or (np.diff(indptr) < 0).any() or not inside:
-        raise ValueError(f"qps/A_indptr or A_indices is no CSC matrix of shape {(m, k)}")
+        raise ValueError(f"{group}/A_indptr or A_indices is no CSC matrix of shape {(m, k)}")
     return sp.csc_array((data, indices, indptr), shape=(m, k))

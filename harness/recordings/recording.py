@@ -55,6 +55,7 @@ from harness.recordings.layout import (
 )
 from problems.qp import AT_LOWER, AT_UPPER, FREE, PASSIVE, ContactQP, Solution, Vector
 from problems.short import Short
+from problems.space.discs import DiscQP
 from problems.stepping.run import Event
 
 REMEDY = "record the scene again with 'glambda record'"
@@ -107,6 +108,8 @@ class Recording(Short):
     t : (n,), q, v : (n, bodies, 3)   the accepted steps
     events : `Event`s in order of time;  counts : the stepper's work counts
     space : how its bodies have moved where they do in space, and q and v hold none
+    discs : of each accepted step in space with Coulomb's discs (6.1), the QP with them, which `qps`
+        solve by bounds alone, and the stepper's x (k,)
     """
 
     scene: str
@@ -125,6 +128,7 @@ class Recording(Short):
     events: Sequence[Event]
     counts: Mapping[str, int]
     space: SpaceMotion | None = None
+    discs: Sequence[tuple[DiscQP, Vector]] = ()
 
     def _title(self) -> str:
         return self.scene

@@ -101,6 +101,7 @@ def recording_of(
         events=tuple(Event(float(e.t), str(e.kind), str(e.detail)) for e in run.event_log),
         counts={name: int(count) for name, count in run.counts.items()},
         space=_in_space(run) if isinstance(run, SpaceRun) else None,
+        discs=tuple(run.discs) if isinstance(run, SpaceRun) else (),
     )
 
 

@@ -25,8 +25,10 @@ class DiscQP:
 
     A : (m, k), dense or CSC;  d : (m,);  lower, upper : (k,)
     discs : (n, 2) columns, which no bounds hold otherwise;  radius : (n,), at least 0
+    t : end of the step [s]
 
-    Raises ValueError for wrong shapes, and for columns that are bounded twice.
+    Raises ValueError for wrong shapes, for columns that there are not, and for those that are
+    bounded twice.
     """
 
     A: Matrix
@@ -35,6 +37,7 @@ class DiscQP:
     upper: Vector
     discs: Indices
     radius: Vector
+    t: float = 0.0
 
     def __post_init__(self) -> None:
         m, k = self.A.shape
@@ -45,6 +48,8 @@ class DiscQP:
         if not (self.radius >= 0).all() or not (self.lower <= self.upper).all():
             raise ValueError("DiscQP: radii must be at least 0, and lower bounds below upper ones")
         held = self.discs.ravel()
+        if ((held < 0) | (held >= k)).any():
+            raise ValueError(f"DiscQP: a disc is of a column that there is not; A has {k}")
         if (
             len(set(held.tolist())) < held.size
             or np.isfinite([self.lower, self.upper])[:, held].any()

@@ -150,7 +150,8 @@ class Poser:
         lower = np.full(len(rows), -np.inf)
         lower[len(step.pins) : first] = 0.0
         A, d = _columns(rows, moved.pose).scaled(moved.mass), self._pushed(moved)
-        qp = DiscQP(A, d, lower, np.full(len(rows), np.inf), discs, step.radius[rubbing])
+        upper, radius = np.full(len(rows), np.inf), step.radius[rubbing]
+        qp = DiscQP(A, d, lower, upper, discs, radius, moved.t)
         return qp, np.concatenate([step.pins, step.lam, *pairs])
 
     def _pushed(self, moved: Moved) -> Vector:

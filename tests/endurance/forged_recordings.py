@@ -11,21 +11,27 @@ import numpy as np
 
 from harness.files.seal import BLOCK, sealed
 from harness.recordings import recording as recordings
-from harness.recordings.file import HEADER
-from harness.recordings.layout import FIELDS
-from harness.recordings.recording import RecordingError, read_recording, write_recording
+from harness.recordings.file import HEADER, beyond_the_plane
+from harness.recordings.layout import fields_of
+from harness.recordings.recording import (
+    Recording,
+    RecordingError,
+    read_recording,
+    write_recording,
+)
 from tests.endurance.damage import SORTS, Random, damage
-from tests.fakes.fake_recordings import fake_recording
+from tests.fakes.fake_recordings import fake_in_space, fake_recording
 
 
 class RecordingTarget:
     """A recording of a few odd QPs."""
 
     error: type[Exception] = RecordingError
+    make: Callable[[], Recording] = staticmethod(fake_recording)
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / "fake.h5"
-        self.made = fake_recording()
+        self.made = self.make()
         write_recording(self.path, self.made)
         self.sound = self.path.read_bytes()
         (folder / "other").write_bytes(self.sound)
@@ -53,6 +59,12 @@ class RecordingTarget:
         return (read.digest, read.code_version) == (self.made.digest, self.made.code_version)
 
 
+class SpaceTarget(RecordingTarget):
+    """The same of bodies in space."""
+
+    make = staticmethod(fake_in_space)
+
+
 LARGE = 100_000_000
 """Arrays of more bytes than this are not signed."""
 
@@ -62,9 +74,10 @@ def forge(path: Path, change: Callable[[h5py.File], None]) -> None:
     with h5py.File(path, "r+") as file:
         change(file)
         try:
-            if sum(file[name].nbytes for name in FIELDS) > LARGE:
+            names = _names(file)
+            if sum(file[name].nbytes for name in names) > LARGE:
                 raise ValueError
-            arrays = {name: np.asarray(file[name][()]) for name in FIELDS}
+            arrays = {name: np.asarray(file[name][()]) for name in names}
             header = {name: file.attrs[name] for name in HEADER}
             texts = {name: v.decode() for name, v in header.items() if isinstance(v, bytes)}
             counts = {name: int(count.real) for name, count in file["counts"].attrs.items()}
@@ -83,8 +96,13 @@ def forge(path: Path, change: Callable[[h5py.File], None]) -> None:
     path.write_bytes(sealed(path.read_bytes()))
 
 
-def _name(rng: Random) -> str:
-    return str(rng.choice(list(FIELDS)))
+def _names(file: h5py.File) -> list[str]:
+    """Of the datasets that it holds, or should."""
+    return list(fields_of(beyond_the_plane(file)))
+
+
+def _name(rng: Random, file: h5py.File) -> str:
+    return str(rng.choice(_names(file)))
 
 
 def _replace(file: h5py.File, name: str, **how: Any) -> None:
@@ -105,13 +123,13 @@ NUMBERS = (0, -1, 1, 2**31, 2**40, 2**62, -(2**63))
 
 
 def _other_type(rng: Random, file: h5py.File) -> None:
-    name = _name(rng)
+    name = _name(rng, file)
     shape = file[name].shape
     _replace(file, name, shape=shape, dtype=TYPES[rng.integers(len(TYPES))])
 
 
 def _other_shape(rng: Random, file: h5py.File) -> None:
-    name = _name(rng)
+    name = _name(rng, file)
     values = file[name][()]
     how = rng.integers(6)
     if how == 0:
@@ -129,13 +147,13 @@ def _other_shape(rng: Random, file: h5py.File) -> None:
 
 
 def _never_written(rng: Random, file: h5py.File) -> None:
-    name = _name(rng)
+    name = _name(rng, file)
     shape = (int(10 ** rng.uniform(6, 15)), *file[name].shape[1:])
     _replace(file, name, shape=shape, dtype=file[name].dtype)
 
 
 def _packed(rng: Random, file: h5py.File) -> None:
-    name = _name(rng)
+    name = _name(rng, file)
     values = file[name]
     shape = (int(10 ** rng.uniform(3, 6)), *values.shape[1:])
     data = np.zeros(shape, values.dtype)
@@ -144,7 +162,7 @@ def _packed(rng: Random, file: h5py.File) -> None:
 
 
 def _elsewhere(rng: Random, file: h5py.File) -> None:
-    name = _name(rng)
+    name = _name(rng, file)
     dtype, shape = file[name].dtype, file[name].shape
     group = name.partition("/")[0]
     how = rng.integers(8)
@@ -176,7 +194,7 @@ def _elsewhere(rng: Random, file: h5py.File) -> None:
 
 
 def _missing(rng: Random, file: h5py.File) -> None:
-    name = _name(rng)
+    name = _name(rng, file)
     how = rng.integers(4)
     if how == 0:
         del file[name.partition("/")[0]]
@@ -231,7 +249,7 @@ def _many_counts(rng: Random, file: h5py.File) -> None:
 
 
 def _values(rng: Random, file: h5py.File) -> None:
-    name = _name(rng)
+    name = _name(rng, file)
     values = file[name][()]
     if not values.size:
         return

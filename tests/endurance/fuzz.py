@@ -4,7 +4,7 @@
     python -m tests.endurance.fuzz --files 200          fewer
     python -m tests.endurance.fuzz --kind shard --from 1234 --files 1      one of them again
 
-1. A small recording, a shard of results and a closed loop are made.
+1. Small recordings, a shard of results and a closed loop are made.
 2. File number i is a change of it that is drawn from the seed i:
    - *damaged*: cut short, bits or bytes changed, a stretch overwritten, copied or left out;
    - *forged*: well-formed, with a wrong type, shape, size, link, filter, text or value, and with a
@@ -40,6 +40,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 KINDS = {
     "recording": ("tests.endurance.forged_recordings", "RecordingTarget"),
+    "space": ("tests.endurance.forged_recordings", "SpaceTarget"),
     "shard": ("tests.endurance.forged_shards", "ShardTarget"),
     "loop": ("tests.endurance.forged_loops", "LoopTarget"),
     **{

@@ -6,9 +6,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import scipy.sparse as sp
 
+from harness.recordings.layout import SpaceMotion
 from harness.recordings.recording import PROOFS, Recording, Reference
 from problems.qp import ContactQP, Solution, Status, WorkCounts, working_set_of
+from problems.space.discs import DiscQP
+from problems.space.solids import ball, polyhedron
 from problems.stepping.run import Event
 from tests.fakes.random_qps import contact_sequence, random_qp
 
@@ -56,3 +60,33 @@ def fake_recording(scene: str = "fake", seed: int = 0, length: int = 6) -> Recor
         events=(Event(0.01, "impulse", "body 1 on body 2, μ"),),
         counts={"steps": 3, "restarts": 1},
     )
+
+
+def fake_in_space(seed: int = 0) -> Recording:
+    """The same with a ball and a tetrahedron in space, and QPs with discs, dense and sparse."""
+    rng = np.random.default_rng([seed, 1])
+    solids = ball(0.5), polyhedron([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)])[0]
+    poses = np.zeros((3, 2, 7))
+    poses[..., :3], poses[..., 3] = rng.standard_normal((3, 2, 3)), 1.0
+    velocities, reactions = rng.standard_normal((2, 3, 2, 6))
+    space = SpaceMotion.of(solids, poses, velocities, reactions)
+    discs = tuple(_fake_discs(rng, contacts, t) for t, contacts in enumerate((2, 0, 1)))
+    none = np.zeros((3, 0, 3))
+    return replace(fake_recording(), polygons=(), q=none, v=none, space=space, discs=discs)
+
+
+def _fake_discs(rng: np.random.Generator, contacts: int, t: float) -> tuple[DiscQP, Any]:
+    k = 3 * contacts
+    A: Any = rng.standard_normal((12, k))
+    lower = np.where(np.arange(k) < contacts, 0.0, -np.inf)
+    pairs = contacts + np.arange(2 * contacts).reshape(-1, 2)
+    qp = DiscQP(
+        sp.csc_array(A) if contacts == 1 else A,
+        rng.standard_normal(12),
+        lower,
+        np.full(k, np.inf),
+        pairs,
+        rng.uniform(0.0, 1.0, contacts),
+        float(t),
+    )
+    return qp, qp.projected(rng.standard_normal(k))

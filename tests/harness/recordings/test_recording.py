@@ -16,6 +16,7 @@ import pytest
 import scipy.sparse as sp
 
 from harness.files.seal import sealed
+from harness.judging.disc_bound import disc_error_bound
 from harness.recordings import file as recording_file
 from harness.recordings.file import ENTRY_BYTES, QP_BYTES
 from harness.recordings.layout import FIELDS
@@ -24,7 +25,7 @@ from harness.study.record import record
 from problems import scene
 from problems.stepping.run import Event
 from tests.endurance.forged_recordings import forge
-from tests.fakes.fake_recordings import fake_recording
+from tests.fakes.fake_recordings import fake_in_space, fake_recording
 
 OF_EACH_QP = ("qps", "solutions", "references", "mu")
 
@@ -64,6 +65,11 @@ def assert_same(a: Recording, b: Recording) -> None:
     for mine, yours in zip(a.polygons, b.polygons, strict=True):
         for p, q in zip(mine, yours, strict=True):
             np.testing.assert_array_equal(p, q)
+    for (disc, x), (other, y) in zip(a.discs, b.discs, strict=True):
+        assert sp.issparse(disc.A) == sp.issparse(other.A) and disc.t == other.t
+        np.testing.assert_array_equal(disc.residual(x), other.residual(y))
+        for name in ("d", "lower", "upper", "discs", "radius"):
+            np.testing.assert_array_equal(getattr(disc, name), getattr(other, name))
 
 
 def test_write_and_read_is_the_identity(file: Path) -> None:
@@ -73,6 +79,48 @@ def test_write_and_read_is_the_identity(file: Path) -> None:
     assert any(sp.issparse(qp.A) for qp in read.qps)
     assert any(qp.generators is not None for qp in read.qps)
     assert any(qp.m * qp.k == 0 for qp in read.qps)
+
+
+def test_bodies_in_space_and_discs_are_read_as_they_were_written(tmp_path: Path) -> None:
+    made = fake_in_space()
+    write_recording(tmp_path / "a.h5", made)
+    read = read_recording(tmp_path / "a.h5")
+    assert_same(made, read)
+    assert made.digest == read.digest
+    assert read.space is not None and made.space is not None
+    for mine, yours in zip(made.space, read.space, strict=True):
+        np.testing.assert_array_equal(mine, yours)
+
+
+def test_the_discs_of_a_step_are_recorded_with_their_answer(tmp_path: Path) -> None:
+    made = record(scene("slope", heading=0.3), until=0.05, fixed_step=0.01)
+    write_recording(tmp_path / "slope.h5", made)
+    read = read_recording(tmp_path / "slope.h5")
+    assert_same(made, read)
+    assert [qp.t for qp, _ in read.discs] == pytest.approx(read.t[1:])
+    for qp, x in read.discs:
+        assert disc_error_bound(qp, x) < 1e-4 * np.linalg.norm(qp.A @ x)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("discs/pairs", 99, "a column that there is not"),
+        ("discs/pairs", -1, "a column that there is not"),
+        ("discs/radius", -1.0, "radii must be at least 0"),
+        ("discs/radius", np.nan, "discs/radius: holds nan"),
+        ("discs/count", 2, "discs/pairs: has shape"),
+        ("discs/k", -1, "discs/m: it or another size is negative"),
+        ("discs/A_indices", 99, "no CSC matrix"),
+    ],
+)
+def test_discs_that_are_none_are_refused_even_if_signed(
+    tmp_path: Path, name: str, value: float, words: str
+) -> None:
+    path = tmp_path / "a.h5"
+    write_recording(path, fake_in_space())
+    edit(path, name, lambda values: np.full_like(values, value))
+    assert words in refusal(path)
 
 
 def test_arrays_are_read_only(file: Path) -> None:

@@ -86,6 +86,8 @@ def test_nothing_is_kept_where_qps_are_not_or_polygons_stand_for_discs() -> None
         ({"radius": np.array([-1.0])}, "at least 0"),
         ({"lower": np.zeros(3)}, "has a bound"),
         ({"discs": np.array([[1, 1]])}, "another disc"),
+        ({"discs": np.array([[1, 3]])}, "that there is not"),
+        ({"discs": np.array([[1, -1]])}, "that there is not"),
         ({"d": np.zeros(5)}, "shape"),
         ({"radius": np.zeros(2)}, "shape"),
     ],
