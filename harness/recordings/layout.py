@@ -5,7 +5,8 @@
    words as attributes.
 2. `pack` joins the quantities of all QPs into flat arrays, in solve order.
 3. `check_lengths` tells from the few small arrays of sizes how long every other must be.
-4. `unpack` cuts the flat arrays up again; the types `ContactQP` and `Solution` check the values.
+4. `unpack` cuts the flat arrays up again; the types `ContactQP`, `Solution` and
+   `DiscQP` check the values.
 
 `harness.recordings.recording` says how the file is to be read and holds the digest.
 """
@@ -216,7 +217,7 @@ def check_lengths(
         discs = _integers(arrays["discs/count"])
         if min([0, *discs]) < 0:
             raise wrong("discs/count", "has a negative number of discs")
-        sizes |= {"discs/x": sum(_integers(arrays["discs/k"]))}
+        sizes["discs/x"] = sum(_integers(arrays["discs/k"]))
         sizes |= dict.fromkeys(("discs/pairs", "discs/radius"), sum(discs))
     steps, events = arrays["motion/t"].shape[0], arrays["events/t"].shape[0]
     solids = arrays["space/solids"].shape[0] if "space/solids" in arrays else 0
@@ -436,26 +437,29 @@ def _unpack_discs(
     take: _Reader, arrays: Mapping[str, NDArray[Any]]
 ) -> Iterator[tuple[DiscQP, NDArray[np.float64]]]:
     for i, t in enumerate(arrays["discs/t"].tolist()):
-        m, k, nnz, n = (int(arrays[f"discs/{name}"][i]) for name in ("m", "k", "A_nnz", "count"))
-        qp = DiscQP(
-            _matrix(take, "discs", m, k, nnz),
-            take("discs/d", m),
-            take("discs/lower", k),
-            take("discs/upper", k),
-            discs=take("discs/pairs", n),
-            radius=take("discs/radius", n),
-            t=t,
-        )
-        yield qp, take("discs/x", k)
+        n = int(arrays["discs/count"][i])
+        pairs, radius = take("discs/pairs", n), take("discs/radius", n)
+        qp = DiscQP(*_unpack_posed(take, arrays, "discs", i), pairs, radius, t)
+        yield qp, take("discs/x", qp.k)
+
+
+def _unpack_posed(
+    take: _Reader, arrays: Mapping[str, NDArray[Any]], group: str, i: int
+) -> tuple[Any, Any, Any, Any]:
+    """A, d and bounds of QP i of a group."""
+    m, k, nnz = (int(arrays[f"{group}/{name}"][i]) for name in ("m", "k", "A_nnz"))
+    A, d = _matrix(take, group, m, k, nnz), take(f"{group}/d", m)
+    return A, d, take(f"{group}/lower", k), take(f"{group}/upper", k)
 
 
 def _unpack_qp(take: _Reader, arrays: Mapping[str, NDArray[Any]], kind: str, i: int) -> ContactQP:
-    m, k, nnz, rows = (int(arrays[f"qps/{n}"][i]) for n in ("m", "k", "A_nnz", "V_rows"))
+    m, k, rows = (int(arrays[f"qps/{n}"][i]) for n in ("m", "k", "V_rows"))
+    A, d, lower, upper = _unpack_posed(take, arrays, "qps", i)
     return ContactQP(
-        _matrix(take, "qps", m, k, nnz),
-        take("qps/d", m),
-        take("qps/lower", k),
-        take("qps/upper", k),
+        A,
+        d,
+        lower,
+        upper,
         row_id=take("qps/row_id", k),
         feature=take("qps/feature", k),
         D=take("qps/D", m),
