@@ -28,6 +28,7 @@ from harness.results.shard_file import StoreError
 from problems.kernels.compiled import FOLDERS
 from problems.kernels.numba_internals import keep_nothing
 from problems.registry import load
+from solvers.active_set import method  # noqa: F401  its kernels are loaded once for all processes
 from solvers.registry import BUILT_IN, register, target_of
 
 POLL = 0.2

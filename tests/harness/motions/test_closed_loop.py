@@ -241,6 +241,14 @@ def test_crashes_and_hangs_cost_one_loop(monkeypatch: pytest.MonkeyPatch, tmp_pa
     assert seen[-1] == 3.0
 
 
+def test_a_loop_writes_no_machine_code_into_its_own_folder(tmp_path: Path) -> None:
+    """It would be lost with the process, and every loop would compile for half a minute."""
+    run_isolated([LOOP], tmp_path, work="tests.fakes.compiled_loop:run_and_look")
+    result = load_loop(tmp_path, LOOP)
+    assert result is not None
+    assert (result.verdict, result.reason) == ("finished", "")
+
+
 # --- a campaign ----------------------------------------------------------------------------------
 
 
