@@ -91,6 +91,7 @@ def print_recording(console: Console, recording: Recording, path: str) -> None:
         ("counts", ", ".join(f"{v} {k}" for k, v in recording.counts.items())),
         ("events", ", ".join(f"{v} {k}" for k, v in sorted(events.items())) or "none"),
         ("QPs", f"{len(qps)}: {kinds}" if qps else "none"),
+        *([("with discs", str(len(recording.discs)))] if recording.discs else []),
     ]
     if qps:
         sizes = [(qp.m, qp.k) for qp in qps]
@@ -111,8 +112,8 @@ def print_recording(console: Console, recording: Recording, path: str) -> None:
 def _motion(recording: Recording) -> str:
     if not len(recording.t):
         return "none"
-    bodies = recording.q.shape[1]
-    return f"t = {recording.t[0]:g} to {recording.t[-1]:g} s, {bodies} bodies"
+    where = "" if recording.space is None else " in space"
+    return f"t = {recording.t[0]:g} to {recording.t[-1]:g} s, {recording.bodies} bodies{where}"
 
 
 def _print_findings(console: Console, run: Any) -> None:

@@ -136,11 +136,16 @@ class Recording(Short):
     def _sizes(self) -> dict[str, Any]:
         return {
             **({"t": f"{self.t[-1]:.4g} s"} if len(self.t) else {}),
-            "bodies": len(self.polygons if self.space is None else self.space.solids),
+            "bodies": self.bodies,
             "QPs": len(self.qps),
             "references": sum(each is not None for each in self.references),
             "events": len(self.events),
         }
+
+    @property
+    def bodies(self) -> int:
+        """How many have moved."""
+        return len(self.polygons if self.space is None else self.space.solids)
 
     @cached_property
     def digest(self) -> str:
