@@ -1,6 +1,6 @@
 # make study   simulate, record, replay and report the four scenes: results/report/index.html
 # make campaigns  starts, accuracies and forms, beside a study: more sections of its page
-# make outside    QPs that others posed, beside a study: MuJoCo's, families of scenes, IMPORTS="FILE ..."
+# make outside    other QPs, beside a study: MuJoCo's, families of scenes, in space, IMPORTS="FILE ..."
 # make publish study, campaigns, outside, criterion and growth, and what they report into reports/published
 # make peers   other physics engines, which it installs, and ours: reports/published/peers
 # make growth  time per QP against its size, up to 20,000 columns: results/growth, …/growth_piles, …
@@ -72,6 +72,10 @@ outside: study families
 	  --solvers all,-enumeration
 	$(BIN)/glambda replay results/families/*.h5 --settings high --arms cold,kept,warm -o results \
 	  --solvers glambda,lotstedt,clarabel,daqp,highs,osqp,piqp,proxqp,scs
+	$(BIN)/glambda record space_tower space_tower,mu=0.0 space_pyramid,mu=0.0 \
+	  --until 0.1 --fixed-step 0.01 --overwrite -o results/space
+	$(BIN)/glambda replay results/space/*.h5 --settings high --arms cold,kept,warm -o results \
+	  --solvers all,-enumeration
 
 peers: $(INSTALLED)
 	$(BIN)/python -m pip install --quiet -e '.[dev,peers]'

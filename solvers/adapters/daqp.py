@@ -98,7 +98,7 @@ class DAQP(ProgramSolver):
 
     def _again(self, native: Native) -> Any:
         """By a model that goes on from where it stalled, with a last step that rounding allows."""
-        posed, settings, arrays = native
+        posed, settings, arrays, *_ = native
         model = daqp.Model()
         model.settings = settings
         model.setup(*arrays)

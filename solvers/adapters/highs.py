@@ -109,7 +109,7 @@ class HiGHS(ProgramSolver):
 
     def run(self, native: Native) -> Any:
         """`Highs.run`, and on in the other form where the answer of the one chosen will not do."""
-        posed, model, (_, _, asked) = native
+        posed, model, (_, _, asked), *_ = native
         status = _run(model)
         if self.variant or asked is None:
             return status

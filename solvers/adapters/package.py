@@ -26,11 +26,12 @@ from solvers.base import Answer, Solver, Start, carry_over
 
 
 class Native(NamedTuple):
-    """A package's object, ready to run, with the problem that it holds."""
+    """A package's object, ready to run, with the problem that it holds and its settings."""
 
     posed: Posed
     object: Any
     arrays: Any = None
+    options: Any = None
 
 
 class Carried(NamedTuple):
@@ -104,13 +105,17 @@ class PackageSolver(Solver, abc.ABC):
     def outcome(self, native: Native, result: Any) -> Outcome:
         """What the package says."""
 
+    def usual_forces(self, qp: ContactQP) -> tuple[float, float]:
+        """`forces`, where they are the same for all QPs."""
+        return self.forces
+
     def in_x(self, native: Native, says: Outcome) -> Outcome:
         """What the package says, of the unknowns of `Posed`, where it was posed others."""
         return says
 
     def build(self, qp: ContactQP, start: Start | None) -> Built:
         """Pose the QP and bring it into the package's form."""
-        posed = pose(qp, dense=self.dense, forces=self.forces)
+        posed = pose(qp, dense=self.dense, forces=self.usual_forces(qp))
         options = self.options(posed, self.asked(qp))
         if start is None:
             return Built(posed, self.arrays(posed), options)
@@ -201,6 +206,14 @@ def _bound_multipliers(posed: Posed) -> Vector:
     duals = -(posed.q + posed.A.T @ (posed.A @ x))
     right = ((members == AT_LOWER) & (duals < 0)) | ((members == AT_UPPER) & (duals > 0))
     return np.where(right, duals, 0.0)
+
+
+def change(settings: Any, options: dict[str, Any], before: Native | None) -> None:
+    """Set what differs from the settings that the object had before; all of a new one."""
+    had = {} if before is None else before.options
+    for name, value in options.items():
+        if had.get(name) != value:
+            setattr(settings, name, value)
 
 
 def same_pattern(one: Any, other: Any) -> bool:

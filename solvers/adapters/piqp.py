@@ -25,7 +25,7 @@ import piqp
 import scipy.sparse as sp
 
 from problems.qp import Status
-from solvers.adapters.package import Built, Native, Outcome, same_pattern
+from solvers.adapters.package import Built, Native, Outcome, change, same_pattern
 from solvers.adapters.posed import UNIT, Posed
 from solvers.adapters.programs import Program, ProgramSolver
 from solvers.base import Start
@@ -86,21 +86,19 @@ class PIQP(ProgramSolver):
     def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
         """Update the data in place where their pattern is the same; else set up afresh."""
         posed, arrays, options, carried, *_ = problem
-        old = {} if carried is None else carried.native.arrays
-        if carried is not None and all(
-            name in old and same_pattern(old[name], arrays[name])
+        before = None if carried is None else carried.native
+        if before is not None and all(
+            same_pattern(before.arrays.get(name), arrays[name])
             for name in ("P", "A", "G")
             if name in arrays
         ):
-            solver, fill = carried.native.object, carried.native.object.update
+            solver, fill = before.object, before.object.update
         else:
             solver = piqp.SparseSolver() if posed.is_sparse else piqp.DenseSolver()
-            fill = solver.setup
-        settings = solver.settings
-        for name, value in options.items():
-            setattr(settings, name, value)
+            fill, before = solver.setup, None
+        change(solver.settings, options, before)
         fill(**arrays)
-        return Native(posed, solver, arrays)
+        return Native(posed, solver, arrays, options)
 
     def run(self, native: Native) -> Any:
         """`solve`."""

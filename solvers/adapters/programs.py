@@ -348,33 +348,43 @@ class Cones(NamedTuple):
 def cones(program: Program) -> Cones:
     """R z = 0, then −R z ≤ −lower, then R z ≤ upper, where they are finite."""
     lower, upper = program.lower, program.upper
-    if program.equal:
-        equal = lower == upper
-        same = np.flatnonzero(equal)
-        below = np.flatnonzero((lower > -np.inf) & ~equal)
-        above = np.flatnonzero((upper < np.inf) & ~equal)
-    else:
-        same = np.zeros(0, np.int64)
-        below, above = np.flatnonzero(lower > -np.inf), np.flatnonzero(upper < np.inf)
+    if isinstance(program, Normal):
+        ends = _finite_ends((lower > -np.inf).tobytes(), (upper < np.inf).tobytes())
+        h = np.concatenate([-lower[ends.below], upper[ends.above]])
+        return Cones(ends.G, h, 0, ends.row, ends.sign)
+    equal = lower == upper
+    same = np.flatnonzero(equal)
+    below = np.flatnonzero((lower > -np.inf) & ~equal)
+    above = np.flatnonzero((upper < np.inf) & ~equal)
     row = np.concatenate([same, below, above])
     sign = np.ones(row.size)
     sign[same.size : same.size + below.size] = -1.0
     h = np.concatenate([lower[same], -lower[below], upper[above]])
-    if isinstance(program, Normal):
-        G = _signed_rows(row.tobytes(), sign.tobytes(), program.simple)
-    elif row.size == below.size == lower.size:
+    if row.size == below.size == lower.size:
         G = -program.R
     else:
         G = scaled(program.R[row], sign, axis=0)
     return Cones(G, h, same.size, row, sign)
 
 
+class _Ends(NamedTuple):
+    """Finite bounds as rows G of ±I; positions of the lower and of the upper ones."""
+
+    G: sp.csc_matrix
+    below: NDArray[np.int64]
+    above: NDArray[np.int64]
+    row: NDArray[np.int64]
+    sign: Vector
+
+
 @lru_cache(64)
-def _signed_rows(row: bytes, sign: bytes, size: int) -> sp.csc_matrix:
-    """Rows of ±I."""
-    column, value = np.frombuffer(row, np.int64), np.frombuffer(sign)
-    shape = (column.size, size)
-    return sp.csc_matrix((value, (np.arange(column.size), column)), shape=shape)
+def _finite_ends(has_lower: bytes, has_upper: bytes) -> _Ends:
+    """Of rows with these bounds, one byte for each."""
+    below, above = (np.flatnonzero(np.frombuffer(ends, bool)) for ends in (has_lower, has_upper))
+    row = np.concatenate([below, above])
+    sign = np.repeat([-1.0, 1.0], [below.size, above.size])
+    G = sp.csc_matrix((sign, (np.arange(row.size), row)), shape=(row.size, len(has_lower)))
+    return _Ends(G, below, above, row, sign)
 
 
 @dataclass(frozen=True)

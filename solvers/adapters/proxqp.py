@@ -24,7 +24,7 @@ from proxsuite import proxqp
 
 from problems.qp import Status, Vector
 from solvers.adapters.inner_options import NEVER
-from solvers.adapters.package import Built, Native, Outcome, same_kind
+from solvers.adapters.package import Built, Native, Outcome, change, same_kind
 from solvers.adapters.posed import Posed
 from solvers.adapters.programs import Program, ProgramSolver
 from solvers.base import Start
@@ -32,6 +32,8 @@ from solvers.base import Start
 _INFINITY = 1e20  # what proxsuite takes for an absent bound
 _PATIENCE = 20  # outer iterations of a warm start: it needs two or three, or never ends
 _EXHAUSTED = proxqp.QPSolverOutput.PROXQP_MAX_ITER_REACHED
+_NOTHING_KNOWN = proxqp.InitialGuess.NO_INITIAL_GUESS
+_LAST_RESULT = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
 _NOTHING = (None,) * 5  # neither equations nor rows
 _SETTINGS = {
     "eps_rel": 0.0,
@@ -100,11 +102,11 @@ class ProxQP(ProgramSolver):
             solver = _solver(posed.is_sparse, arrays)
             fill, carried = solver.init, None
         settings = solver.settings
-        for name, value in options.items():
-            setattr(settings, name, value)
+        change(settings, options, None if carried is None else carried.native)
+        # `update` forgets what the last solve ended with, unless it is told so before
+        settings.initial_guess = _NOTHING_KNOWN if carried is None else _LAST_RESULT
         fill(*arrays)
         begin: Any = ()
-        settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
         if guess is not None and (not box or carried is not None):
             program, (z, y) = self.program(posed), guess
             begin = z, y[program.equations] if program.equal else None, y[program.others]
@@ -114,10 +116,9 @@ class ProxQP(ProgramSolver):
             else:
                 settings.initial_guess = proxqp.InitialGuess.WARM_START
         elif carried is None:
-            settings.initial_guess = proxqp.InitialGuess.NO_INITIAL_GUESS
-            return Native(posed, solver, (arrays, begin))
+            return Native(posed, solver, (arrays, begin), options)
         settings.max_iter = min(_PATIENCE, self.max_iterations)
-        return Native(posed, solver, (arrays, begin))
+        return Native(posed, solver, (arrays, begin), options)
 
     def run(self, native: Native) -> Any:
         """`QP.solve`, and once more from nothing where a start has led nowhere."""
@@ -126,7 +127,7 @@ class ProxQP(ProgramSolver):
         settings = solver.settings
         if settings.max_iter < self.max_iterations and solver.results.info.status == _EXHAUSTED:
             settings.max_iter = self.max_iterations
-            settings.initial_guess = proxqp.InitialGuess.NO_INITIAL_GUESS
+            settings.initial_guess = _NOTHING_KNOWN
             solver.init(*native.arrays[0])  # `solve` alone keeps penalties of the run that failed
             solver.solve()
 

@@ -88,8 +88,8 @@ class Quadprog(PackageSolver):
         posed, arrays, *_ = problem
         if not isinstance(arrays, _Slacked):
             R, failed = dpotrf(posed.P, lower=0, clean=1)
-            pivots = R.diagonal()
-            if not failed and pivots.min() > _SINGULAR * pivots.max():
+            pivots = R.diagonal().tolist()
+            if not failed and min(pivots) > _SINGULAR * max(pivots):
                 return Native(posed, dtrtri(R)[0], arrays)
             arrays = _slacked(posed)
         return Native(posed, np.identity(arrays.a.size), arrays)

@@ -70,7 +70,7 @@ class ScipyBVLS(PackageSolver):
 
     def run(self, native: Native) -> Any:
         """`scipy.optimize.lsq_linear`, in other orders of the columns until it is optimal."""
-        posed, settings, (A, b, (lower, upper)) = native
+        posed, settings, (A, b, (lower, upper)), *_ = native
         result = lsq_linear(A, b, (lower, upper), **settings)
         if "tol" not in settings:
             return result
