@@ -67,8 +67,8 @@ class PIQP(ProgramSolver):
         if program.equal:
             data["A"] = stored(program.rows(program.equations, sparse=sparse))
             data["b"] = np.zeros(program.equal)
-        more = program.others[program.simple :]
-        if more.size:
+        if program.lower.size > program.simple + program.equal:
+            more = program.others[program.simple :]
             data["G"] = stored(program.rows(more, sparse=sparse))
             data["h_l"], data["h_u"] = program.lower[more], program.upper[more]
         return data
