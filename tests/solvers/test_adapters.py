@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from contextlib import suppress
 from dataclasses import fields, replace
 from functools import cache
@@ -14,7 +16,7 @@ from harness.judging.facts import facts_of
 from harness.judging.judge import judge
 from problems import scene, simulate
 from problems.qp import AT_LOWER, FREE, ContactQP, Solution, Status
-from solvers.adapters.package import Native, Outcome, PackageSolver, dual_units
+from solvers.adapters.package import Carried, Native, Outcome, PackageSolver, dual_units
 from solvers.adapters.posed import LONG, Posed, Units, pose
 from solvers.base import Solver, Unsupported
 from solvers.registry import describe, make_solver, solver_names
@@ -223,6 +225,20 @@ def test_warm_equals_cold_along_a_sequence(name: str, seed: int):
         assert_same_force(qp, cold.x, Ax_star, tolerance(name))
         assert_same_force(qp, start.x, Ax_star, tolerance(name))
         assert start.row_id is qp.row_id or np.array_equal(start.row_id, qp.row_id)
+
+
+def test_a_sequence_keeps_no_more_than_its_last_solve(name: str):
+    """Not the one before the last, which would keep the one before it, and so on."""
+    qp, _ = cases("contact_small")[0]
+    solver = ask(name, qp)
+    start, first = None, None
+    for step in range(4):
+        next_qp = replace(qp, d=(1.0 + 0.01 * step) * qp.d)
+        start = solver.solve(next_qp, start)
+        if step == 0 and isinstance(start.memory, Carried):
+            first = weakref.ref(start.memory.native.posed)
+    gc.collect()
+    assert first is None or first() is None
 
 
 @pytest.mark.parametrize("form", ["normal", "residual", "velocity"])
