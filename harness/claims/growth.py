@@ -39,11 +39,12 @@ from harness.recordings.recording import Recording
 from harness.study.kept_recording import how_run, recording_in
 from harness.study.record import recording_of
 from harness.study.replay import replay
-from problems import ContactQP, simulate
+from problems import ContactQP, Run, Solution, simulate
 from problems import scene as make_scene
 from problems.qp import Matrix
 from problems.scenes.calm import calm_scene
 from problems.scenes.labels import parse_label
+from problems.sequence import SolvesQPs
 from solvers import make_solver
 from solvers.active_set.method import CROSSOVER
 
@@ -135,12 +136,38 @@ def sequence(folder: Path, family: str, bodies: int, progress: Progress | None =
     how: dict[str, Any] = {"until": STEPS * STEP, "fixed_step": STEP}
 
     def make() -> Recording:
-        run = simulate(scene, make_solver("glambda"), **how)
+        counted = _Counted(make_solver("glambda"))
+        try:
+            run = simulate(scene, counted, progress=counted.look, **how)
+        except _Enough as enough:
+            run = enough.run
         qps = [_stored(qp) for qp in run.qps[:MOST]]
         run = replace(run, qps=qps, solutions=run.solutions[:MOST])
         return recording_of(run, "glambda", until=how["until"], progress=progress)
 
     return recording_in(folder / "recordings", scene, how_run(scene, **how), make)
+
+
+class _Enough(Exception):
+    """`MOST` QPs are posed; `run` is the motion until then."""
+
+    run: Run
+
+
+@dataclass
+class _Counted:
+    """A solver whose calls are counted; `look`, told of every accepted step, ends the motion."""
+
+    solver: SolvesQPs
+    calls: int = 0
+
+    def solve(self, qp: ContactQP, start: Solution | None = None) -> Solution:
+        self.calls += 1
+        return self.solver.solve(qp, start)
+
+    def look(self, _: float) -> None:
+        if self.calls >= MOST:
+            raise _Enough
 
 
 def _stored(qp: ContactQP) -> ContactQP:
