@@ -67,6 +67,9 @@ FAR = 4.0
 """Limits that a call is expected to take where a size is not even tried."""
 LIMIT = 2.0
 """Median of a whole call [s] beyond which a backend is not tried at the next size."""
+STEEPEST = 4.0
+"""Power of k by which a time is taken to grow at most: between sizes near each other, of which one
+has QPs of another kind, it would be any."""
 HALF = 0.5
 TIMEOUT = 10.0
 """Limits that an answer may take; one that takes longer is not judged."""
@@ -263,7 +266,7 @@ def _too_slow(rows: list[dict[str, Any]], family: str, k: int, limit: float) -> 
         if not 0 < before["k"] < last["k"]:
             continue
         power = log(last["call_time"] / before["call_time"]) / log(last["k"] / before["k"])
-        expected = last["call_time"] * (k / last["k"]) ** max(1.0, power)
+        expected = last["call_time"] * (k / last["k"]) ** min(max(1.0, power), STEEPEST)
         if expected > FAR * limit:
             found[solver] = f"{expected:.2g} s per call expected at k = {k:,}, by its growth"
             last["reason"] = found[solver]

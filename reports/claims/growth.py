@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
-from harness.claims.growth import FAR, FIT_FROM, STEP, STEPS, exponent, usable
+from harness.claims.growth import FAR, FIT_FROM, MOST, STEP, STEPS, exponent, usable
 from harness.machine.machine import machine_label
 from harness.names import is_own
 from reports.parts.sentences import join
@@ -54,6 +54,8 @@ from reports.rows.results import METHOD
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+COUNTED = 100.0
+"""Range of columns below which sizes are written as they are, and above it as powers of ten."""
 LOOKS = {
     METHOD: (VERMILLION, "o"),
     "clarabel": (BLUE, "s"),
@@ -252,10 +254,16 @@ def plot_growth(points: pd.DataFrame, path: str | Path) -> Path:
 
 
 def _panel(axes: Axes, part: pd.DataFrame, looks: dict[str, tuple[str, str]]) -> None:
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
     tried = part[part["tried"].astype(bool)]
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.grid(True, which="major")
+    if len(tried) and tried["k"].max() < COUNTED * tried["k"].min():
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
+        axes.xaxis.set_minor_formatter(NullFormatter())
     for solver, (colour, marker) in looks.items():
         own = tried[tried["solver"] == solver]
         if not len(own):
@@ -307,8 +315,9 @@ def _page(points: pd.DataFrame, tables: Sequence[Table]) -> str:
     largest = int(points["k"].max())
     introduction = (
         f"QPs of {join(families_of(points))} with up to {largest:,} columns: {STEPS} steps of "
-        f"{1000 * STEP:g} ms of a slowly moving scene, replayed warm, by who can, at "
-        "accuracy `high` (1e-9 of the scale of the QP), every answer judged. One thread of "
+        f"{1000 * STEP:g} ms of a slowly moving scene, or the first {MOST} QPs of them, replayed "
+        "warm, by who can, at accuracy `high` (1e-9 of the scale of the QP), every answer "
+        "judged. One thread of "
         f"{machine_label()}. "
         "Hollow markers: not every answer is verified."
     )
