@@ -10,7 +10,7 @@ import base64
 from html import escape
 from pathlib import Path
 
-LARGEST_SVG = 200_000
+LARGEST_SVG = 100_000
 """A figure that is written with more bytes than this stands in the page as PNG."""
 
 
