@@ -162,8 +162,8 @@ class PackageSolver(Solver, abc.ABC):
 
     def read(self, qp: ContactQP, native: Native, result: Any) -> Answer:
         """Map the package's result by the table of statuses."""
-        native.posed.before = None  # it has served, and knows the one before it, and so on
         says = self.in_x(native, self.outcome(native, result))
+        native.posed.forget()
         status = self.statuses.get(says.status, Status.FAILED)
         x = None if says.x is None else native.posed.restore(np.asarray(says.x, float))
         if x is not None and not isfinite(x.sum()):

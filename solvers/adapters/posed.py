@@ -210,6 +210,11 @@ class Posed:
         worst = np.where(x > 0, np.abs(gradient), -gradient).max(initial=-float(x.min(initial=0.0)))
         return bool(worst > 10.0 * self.residual_tolerance(asked, 1e-13))
 
+    def forget(self) -> None:
+        """Once it is answered: the solve before, which knows the one before it, and so on; and the
+        program, which knows this problem: of a circle only the garbage collector makes an end."""
+        self.before = self.program = None
+
     def to_posed(self, x: Vector, working_set: NDArray[np.int8]) -> None:
         """Start from this x of the QP, and from this working set."""
         if self.units is None:
