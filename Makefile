@@ -2,7 +2,7 @@
 # make campaigns  starts, accuracies and forms, beside a study: more sections of its page
 # make outside    other QPs, beside a study: MuJoCo's, families of scenes, in space, IMPORTS="FILE ..."
 # make publish study, campaigns, outside, criterion and growth, and what they report into reports/published
-# make peers   other physics engines, which it installs, and ours: reports/published/peers
+# make peers   other physics engines, which it installs, beside a study: reports/published/peers
 # make growth  time per QP against its size, up to 20,000 columns: results/growth, …/growth_piles, …
 # make bench   work counts against the committed baseline, then times as ratios
 # make floors  adapters against the shortest hand-written calls of their packages
@@ -77,7 +77,7 @@ outside: study families
 	$(BIN)/glambda replay results/space/*.h5 --settings high --arms cold,kept,warm -o results \
 	  --solvers all,-enumeration
 
-peers: $(INSTALLED)
+peers: study
 	$(BIN)/python -m pip install --quiet -e '.[dev,peers]'
 	$(BIN)/glambda peers --limit 5 -o results/peers \
 	  --engines glambda,pymunk,box2d,box2d3,mujoco,dart,drake,bullet
