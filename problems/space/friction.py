@@ -26,6 +26,8 @@ from problems.space.contacts import Point
 
 NO_SLIP = 1e-12
 """A slip below this has no direction [m/s]."""
+MOST_GENERATORS = 24
+"""Of the cone of an impulse, before others join."""
 BEYOND = 1e-7
 """By how much of the largest bound a force may exceed its own, or stay below it, before its state
 changes."""
@@ -134,3 +136,17 @@ def cone(n: Vector, mu_I: float, faces: int) -> Vector:
         return n[None]
     angles = 2 * np.pi / faces * (np.arange(faces) + 0.5)
     return n + mu_I * (np.column_stack([np.cos(angles), np.sin(angles)]) @ across(n))
+
+
+def refined(generators: Vector, shares: Vector, n: Vector, mu_I: float, way: Vector) -> Vector:
+    """Generators (r, 3) of a cone that holds the impulse of before, and more of the round one.
+
+    shares : (r,) of the impulse;  way : (3,) against the slip that it has left, across n
+
+    Those without a share leave, and small ones of more than `MOST_GENERATORS`.  One along `way`
+    joins, by which the impulse can be better, and one along the friction that there is.
+    """
+    friction = shares @ generators - shares.sum() * n
+    aims = [aim / size for aim in (way, friction) if (size := float(np.linalg.norm(aim))) > 0]
+    kept = np.sort(np.argsort(-shares, kind="stable")[:MOST_GENERATORS])
+    return np.vstack([generators[kept[shares[kept] > 0]], *(n + mu_I * aim for aim in aims)])

@@ -16,6 +16,7 @@ it; what no force acts on keeps its momentum to rounding.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import NamedTuple, final
 
 import numpy as np
@@ -31,7 +32,7 @@ from problems.sequence import QPSequence
 from problems.space.attitude import cross, rotations
 from problems.space.columns import Columns
 from problems.space.discs import DiscQP
-from problems.space.friction import BEYOND, Contact, State, across, cone, share_of
+from problems.space.friction import BEYOND, Contact, State, across, cone, refined, share_of
 from problems.space.motion import Mass, Pose
 from problems.space.scene import SpaceScene
 
@@ -44,7 +45,13 @@ AGREE_BOUND = 1e-6
 ROWS = 32
 """Numbers that the rows of one contact, or generators of its impulse, have for their own."""
 CONE_FACES = 8
-"""Edges of the pyramid of impulses where friction has none of its own."""
+"""Edges of the pyramid of impulses that a round cone begins with."""
+ROUND = 1e-9
+"""By how much of the largest speed before an impact a contact may slip out of its cone after it."""
+LEAST = 1e-14
+"""The same, where it falls no further."""
+MOST_REFINED = 40
+"""QPs of an impulse; each halves what is missing, or better."""
 
 
 Mask = NDArray[np.bool_]
@@ -238,8 +245,40 @@ class Poser:
 
     def impulse(self, contacts: Sequence[Contact], pose: Pose, mass: Mass, v: Vector, t: float
                 ) -> Vector:  # fmt: skip
-        """v₊ (6n,) of (2.13), (2.14): a step with h = α₀ = 1, its cones posed by generators."""
-        rows = [*self._pinned(pose), *_impulse_rows(contacts, self.scene)]
+        """v₊ (6n,) of (2.13), (2.14): a step with h = α₀ = 1, its cones posed by generators.
+
+        Round cones, where `faces` asks for no others, are refined until nothing slips out of one:
+        μ |w_t| ≤ w_n at every contact with the velocity w afterwards, up to `ROUND`.  What is
+        missing is the square of an angle, so it is followed to rounding as long as it falls.
+        """
+        mu = np.array([self.scene.mu_I if contact.mu > 0 else 0.0 for contact in contacts])
+        cones = [cone(c.point.normal, m, self.scene.faces or CONE_FACES)
+                 for c, m in zip(contacts, mu.tolist(), strict=True)]  # fmt: skip
+        before = gap_speeds(contacts, pose, v), slips(contacts, pose, v)
+        speed = max(float(np.abs(each).max(initial=0.0)) for each in before)
+        last = np.inf
+        for left in reversed(range(MOST_REFINED)):
+            after, shares = self._impulse(contacts, cones, pose, mass, v, t)
+            slip = slips(contacts, pose, after)
+            beyond = mu * np.linalg.norm(slip, axis=1) - gap_speeds(contacts, pose, after)
+            worst = float(beyond.max(initial=0.0))
+            settled = worst <= LEAST * speed or last <= worst <= ROUND * speed
+            if self.scene.faces or settled or not left:
+                break
+            last = worst
+            self.qps.settle(accepted=False)
+            for i in np.flatnonzero(beyond > LEAST * speed).tolist():
+                normal = contacts[i].point.normal
+                cones[i] = refined(cones[i], shares[i], normal, float(mu[i]), -slip[i])
+        return after
+
+    def _impulse(
+        self, contacts: Sequence[Contact], cones: Sequence[Vector], pose: Pose, mass: Mass,
+        v: Vector, t: float,
+    ) -> tuple[Vector, list[Vector]]:  # fmt: skip
+        """v₊ (6n,), and of each contact the shares of its generators."""
+        pinned = self._pinned(pose)
+        rows = [*pinned, *_impulse_rows(contacts, cones, len(pinned))]
         columns, d = _columns(rows, pose), mass.scaled(v)
         qp, solution = self.qps.solve(
             A=columns.scaled(mass),
@@ -251,7 +290,10 @@ class Poser:
             t=t,
             eps0=IMPULSE_ACCURACY * max(1.0, float(np.linalg.norm(d))),
         )
-        return mass.unscaled(qp.residual(np.asarray(solution.x)))
+        x = np.asarray(solution.x)
+        ends = np.cumsum([len(pinned), *(len(each) for each in cones)])
+        shares = [x[begin:end] for begin, end in pairwise(ends.tolist())]
+        return mass.unscaled(qp.residual(x)), shares
 
 
 def _rows(
@@ -274,17 +316,15 @@ def _rows(
     return rows + rubbing
 
 
-def _impulse_rows(contacts: Sequence[Contact], scene: SpaceScene) -> list[Row]:
+def _impulse_rows(contacts: Sequence[Contact], cones: Sequence[Vector], pinned: int) -> list[Row]:
     """One of each generator, whose direction is no unit vector: the column is G V itself."""
-    first, faces = ROWS * len(scene.pins), scene.faces or CONE_FACES
+    first = ROWS * (pinned // 3)
     return [
         Row(first + ROWS * contact.number + slot, i, True, generator, point.place, bodies)
-        for i, contact in enumerate(contacts)
+        for i, (contact, generators) in enumerate(zip(contacts, cones, strict=True))
         for point in (contact.point,)
         for bodies in ((point.a, point.b),)
-        for slot, generator in enumerate(
-            cone(point.normal, scene.mu_I if contact.mu > 0 else 0.0, faces)
-        )
+        for slot, generator in enumerate(generators)
     ]
 
 

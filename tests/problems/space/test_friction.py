@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from problems import scene, simulate
+from problems.space import SpaceScene, ball
+from problems.space.attitude import attitude
 from problems.space.contacts import Point
 from problems.space.friction import Contact, State, cone, share_of
 from problems.space.run import SpaceRun
@@ -86,3 +90,27 @@ def test_a_contact_changes_its_state_where_its_force_was_wrong():
     contact.state = State.SLIDES
     assert contact.revise(np.array([1.0, 0.0, 0.0]), 4.0, 1e-6)
     assert contact.state is State.STICKS
+
+
+@pytest.mark.parametrize("angle", [0.1, 0.7, 2.0])
+def test_an_impact_slides_along_a_round_cone(angle: float) -> None:
+    """A ball's slip is braked against its own direction; the impulse of (2.14) in closed form."""
+    mu, speed = 0.3, 2.0
+    thrown = SpaceScene(
+        solids=(ball(0.5),),
+        centres=np.array([[0.0, 0.0, 0.5]]),
+        attitudes=np.array([attitude((0, 0, 1), 0.0)]),
+        v0=np.array([[speed * np.cos(angle), speed * np.sin(angle), -1.0, 0.0, 0.0, 0.0]]),
+        mu=mu,
+        mu_I=mu,
+        gravity=0.0,
+        end_time=0.01,
+    )
+    edge = np.array([-mu * np.cos(angle), -mu * np.sin(angle), 1.0])
+    before = thrown.v0[0, :3]
+    expected = before - (before @ edge) / (1 + 3.5 * mu**2) * edge
+    eight = simulate(replace(thrown, faces=8), make_solver("glambda"), until=0.002)
+    run = simulate(thrown, make_solver("glambda"), until=0.002)
+    assert np.linalg.norm(run.velocities[-1, 0, :3] - expected) < 1e-6
+    assert np.linalg.norm(eight.velocities[-1, 0, :3] - expected) > 1e-3
+    assert sum(qp.kind == "impulse" and qp.accepted for qp in run.qps) == 1
