@@ -261,6 +261,7 @@ class Poser:
             after, shares = self._impulse(contacts, cones, pose, mass, v, t)
             slip = slips(contacts, pose, after)
             beyond = mu * np.linalg.norm(slip, axis=1) - gap_speeds(contacts, pose, after)
+            beyond[mu == 0] = 0.0  # a normal is all of its cone
             worst = float(beyond.max(initial=0.0))
             settled = worst <= LEAST * speed or last <= worst <= ROUND * speed
             if self.scene.faces or settled or not left:

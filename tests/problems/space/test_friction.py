@@ -114,3 +114,12 @@ def test_an_impact_slides_along_a_round_cone(angle: float) -> None:
     assert np.linalg.norm(run.velocities[-1, 0, :3] - expected) < 1e-6
     assert np.linalg.norm(eight.velocities[-1, 0, :3] - expected) > 1e-3
     assert sum(qp.kind == "impulse" and qp.accepted for qp in run.qps) == 1
+
+
+def test_an_impact_without_friction_is_one_qp() -> None:
+    """Its cones are normals, and nothing of them is to be refined."""
+    run = simulate(scene("stones", mu=0.0), make_solver("glambda"), until=0.3)
+    impulses = [qp for qp in run.qps if qp.kind == "impulse"]
+    assert run.counts["impulses"] > 0
+    assert sum(qp.accepted for qp in impulses) == run.counts["impulses"]
+    assert len(impulses) < 2 * run.counts["impulses"]
