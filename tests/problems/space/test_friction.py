@@ -117,8 +117,8 @@ def test_an_impact_slides_along_a_round_cone(angle: float) -> None:
 
 
 def test_an_impact_without_friction_is_one_qp() -> None:
-    """Its cones are normals, and nothing of them is to be refined."""
-    run = simulate(scene("stones", mu=0.0), make_solver("glambda"), until=0.3)
+    """Its cones are normals: nothing of them is to be refined, where answers have noise, either."""
+    run = simulate(scene("stones", mu=0.0), make_solver("osqp"), until=0.3)
     impulses = [qp for qp in run.qps if qp.kind == "impulse"]
     assert run.counts["impulses"] > 0
     assert sum(qp.accepted for qp in impulses) == run.counts["impulses"]
