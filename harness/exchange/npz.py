@@ -66,7 +66,7 @@ def write(folder: Path, recording: Recording) -> list[Path]:
             f"row_id_{i}": qp.row_id,
         }
     buffer = io.BytesIO()
-    np.savez_compressed(buffer, allow_pickle=False, **arrays)
+    np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
     write_whole(path, buffer.getvalue())
     return [path]
 

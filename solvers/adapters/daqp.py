@@ -46,6 +46,7 @@ class DAQP(ProgramSolver):
     name: ClassVar[str] = "daqp"
     package: ClassVar[str] = "daqp"
     warm_start: ClassVar[str] = "working set"
+    takes_duals: ClassVar[bool] = False
     regularisation: ClassVar[str] = "proximal iterations of its own where P is singular"
     statuses: ClassVar[dict[Any, Status]] = {
         1: Status.SOLVED,

@@ -73,12 +73,13 @@ class HiGHS(ProgramSolver):
     def pack(self, program: Program) -> Any:
         """The arguments of `Highs.passModel`, with the lower triangle of P by columns."""
         size, simple, P = program.q.size, program.simple, program.P_lower
-        R = program.rows(slice(simple, None), sparse=True)
-        lower, upper = program.lower[simple:], program.upper[simple:]
-        if lower.size == 0:
+        if simple == program.lower.size:
             R, lower, upper = _empty_row(size), _ZERO, _ZERO
+        else:
+            R = program.rows(slice(simple, None), sparse=True)
+            lower, upper = program.lower[simple:], program.upper[simple:]
         return (
-            size, lower.size, R.nnz, P.nnz, _COLUMNWISE, _TRIANGULAR, _MINIMISE, 0.0,
+            size, lower.size, R.data.size, P.data.size, _COLUMNWISE, _TRIANGULAR, _MINIMISE, 0.0,
             program.q, *program.box, lower, upper,
             R.indptr, R.indices, R.data, P.indptr, P.indices, P.data, _continuous(size),
         )  # fmt: skip

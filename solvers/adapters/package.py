@@ -91,6 +91,10 @@ class PackageSolver(Solver, abc.ABC):
     """Whether the package takes dense matrices only."""
     forces: ClassVar[tuple[float, float]] = FORCES
     """Sizes of what acts that it is posed as they are (`posed.pose`)."""
+    one_sided_forces: ClassVar[tuple[float, float] | None] = None
+    """The same where x ≥ 0 is all that is asked, if they are others."""
+    takes_duals: ClassVar[bool] = True
+    """Whether multipliers of the bounds go with an x that is started from."""
     statuses: ClassVar[dict[Any, Status]] = {}
     """The package's statuses; one that is not here is FAILED, with its text kept."""
 
@@ -105,17 +109,13 @@ class PackageSolver(Solver, abc.ABC):
     def outcome(self, native: Native, result: Any) -> Outcome:
         """What the package says."""
 
-    def usual_forces(self, qp: ContactQP) -> tuple[float, float]:
-        """`forces`, where they are the same for all QPs."""
-        return self.forces
-
     def in_x(self, native: Native, says: Outcome) -> Outcome:
         """What the package says, of the unknowns of `Posed`, where it was posed others."""
         return says
 
     def build(self, qp: ContactQP, start: Start | None) -> Built:
         """Pose the QP and bring it into the package's form."""
-        posed = pose(qp, dense=self.dense, forces=self.usual_forces(qp))
+        posed = pose(qp, self.dense, self.forces, self.one_sided_forces)
         options = self.options(posed, self.asked(qp))
         if start is None:
             return Built(posed, self.arrays(posed), options)
@@ -125,6 +125,10 @@ class PackageSolver(Solver, abc.ABC):
             carried = None
         guess = None if duals is None else self.guess(posed, duals)
         return Built(posed, arrays, options, carried, duals, guess)
+
+    def starts_anew(self, posed: Posed) -> bool:
+        """Whether an object that holds no earlier problem can be given a start."""
+        return True
 
     def guess(self, posed: Posed, duals: Vector) -> Any:
         """What a package starts from, where that is more than x and multipliers of its bounds."""
@@ -142,9 +146,13 @@ class PackageSolver(Solver, abc.ABC):
         if carried is not None and carried.duals is not None and self.goes_on(carried, posed):
             posed.before = carried.native
             return carried, None
+        if carried is None and not self.starts_anew(posed):
+            return None, None
         started = carry_over(start, qp)
         posed.to_posed(started.x, started.working_set)
         duals = None
+        if not self.takes_duals:
+            return carried, None
         if memory is not None and memory.duals is not None:
             duals = _carried_duals(memory, posed)
         elif (started.previous >= 0).any():
@@ -197,7 +205,7 @@ def dual_units(posed: Posed) -> Vector:
     """Δ of the QP over that of the posed problem.  (n,)"""
     if posed.units is None:
         return np.ones(posed.n)
-    return posed.units.force**2 / posed.units.unit
+    return np.full(posed.n, posed.units.force**2 / posed.units.unit)
 
 
 def _bound_multipliers(posed: Posed) -> Vector:

@@ -62,7 +62,9 @@ class PIQP(ProgramSolver):
         """P, q, the bounds of the leading unknowns, and the other rows as far as there are any."""
         sparse, (lower, upper) = program.posed.is_sparse, program.box
         stored: Any = sp.csc_matrix if sparse else np.asfortranarray
-        P = stored(program.P(sparse=sparse))
+        P = program.P(sparse=sparse)
+        if not sparse:
+            P = P.T  # which is P, stored by columns
         data = {"P": P, "c": program.q, "x_l": lower, "x_u": upper}
         if program.equal:
             data["A"] = stored(program.rows(program.equations, sparse=sparse))
@@ -87,10 +89,13 @@ class PIQP(ProgramSolver):
         """Update the data in place where their pattern is the same; else set up afresh."""
         posed, arrays, options, carried, *_ = problem
         before = None if carried is None else carried.native
-        if before is not None and all(
-            same_pattern(before.arrays.get(name), arrays[name])
-            for name in ("P", "A", "G")
-            if name in arrays
+        if before is not None and (
+            posed.is_dense_like(before.posed)
+            or all(
+                same_pattern(before.arrays.get(name), arrays[name])
+                for name in ("P", "A", "G")
+                if name in arrays
+            )
         ):
             solver, fill = before.object, before.object.update
         else:

@@ -19,7 +19,6 @@ The forms in which a package may then be posed it (`solvers.base.Form`) are in `
 
 from __future__ import annotations
 
-from copy import copy
 from functools import cached_property, lru_cache
 from math import frexp, ldexp, sqrt
 from typing import Any, NamedTuple
@@ -29,31 +28,38 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from problems.qp import FREE, ContactQP, Vector
+from solvers.adapters.normal_form import (
+    csc,
+    dense_product,
+    dense_sizes,
+    product,
+    sparse_sizes,
+    transposed,
+)
 
 LONG = 8.0
+_ALL = slice(None)
 FORCES = 1e-3, 1e6
 """Sizes of what acts, ‖Aᵀd‖ or bounds away from 0, that are left as they are."""
 UNIT = 0.5, 2.0
 """As `FORCES`, for packages whose rules of stopping and step lengths mean numbers near 1."""
 MANY = 10
 """Unknowns beyond which the duality gap of a QP is measured against its objective as well."""
-FEW = 40
-"""Numbers that Python compares faster than NumPy."""
 
 
 class Units(NamedTuple):
     """How the unknowns of a scaled problem are counted.
 
-    kept : (n,) positions of the unknowns among the k rows of the QP
-    unit : (n,)   x[kept] = unit · x̂
+    kept : (n,) positions of the unknowns among the k rows of the QP, or all of them
+    unit : (n,) or one for all   x[kept] = unit · x̂
     force : d of the QP = force · d, up to the fixed rows
-    rest : (k,) x with the fixed rows filled in
+    rest : (k,) x with the fixed rows filled in, where there are any
     """
 
-    kept: NDArray[np.int64]
-    unit: Vector
+    kept: NDArray[np.int64] | slice
+    unit: Vector | float
     force: float
-    rest: Vector
+    rest: Vector | None = None
 
 
 class Posed:
@@ -61,9 +67,9 @@ class Posed:
 
     A : (m, n) dense or CSC;  d : (m,);  lower, upper : (n,)
     rows : (n,) row ids of the unknowns
-    q : (n,) Aᵀd, the gradient at x = 0
-    P : (n, n) AᵀA, symmetric to the last bit; None where A is sparse and it was not yet asked for
+    q : (n,) Aᵀd, the gradient at x = 0; empty for a package that is not posed it
     force : ‖q‖∞ where it is left as it is, 1 in scaled units: the size of what acts
+    one_sided : whether all of x ≥ 0 and nothing else is asked
     units : None where all of it is the QP's own
     form, program : the form in which it is posed, and the QP in it, where there are several
     before : the `Native` of the previous solve, where what it ended with is started from
@@ -79,21 +85,23 @@ class Posed:
 
     def __init__(
         self, A: Any, d: Vector, lower: Vector, upper: Vector, rows: NDArray[np.int64],
-        q: Vector, P: Vector | None, force: float, units: Units | None = None,
+        q: Vector, force: float, one_sided: bool, P: Vector | None = None,
+        units: Units | None = None,
     ) -> None:  # fmt: skip
-        self.A, self.d, self.lower, self.upper, self.rows = A, d, lower, upper, rows
-        self.q, self._P, self.force, self.units = q, P, force, units
+        self.A, self._d, self.lower, self.upper, self.rows = A, d, lower, upper, rows
+        self.q, self.force, self.one_sided, self.units = q, force, one_sided, units
         self.m, self.n = A.shape
+        self._P = P
 
     @property
     def is_sparse(self) -> bool:
         """Whether A is in CSC."""
         return type(self.A) is not np.ndarray
 
-    @property
-    def one_sided(self) -> bool:
-        """Whether all of x ≥ 0 and nothing else is asked."""
-        return not self.lower.any() and bool(self.upper.min(initial=np.inf) == np.inf)
+    @cached_property
+    def d(self) -> Vector:
+        """(m,)"""
+        return self._d if self.units is None else self._d / self.units.force
 
     @property
     def members(self) -> NDArray[np.int8]:
@@ -105,21 +113,35 @@ class Posed:
         return (
             (self.rows is other.rows or self.rows.tobytes() == other.rows.tobytes())
             and self.m == other.m
-            and _finite_together(self.lower, other.lower)
-            and _finite_together(self.upper, other.upper)
+            and (
+                (self.one_sided and other.one_sided)
+                or (
+                    _finite_together(self.lower, other.lower)
+                    and _finite_together(self.upper, other.upper)
+                )
+            )
         )
+
+    def is_dense_like(self, other: Posed) -> bool:
+        """Whether, of two that are alike, both A are dense: so are their patterns alike."""
+        return type(self.A) is np.ndarray is type(other.A)
+
+    @cached_property
+    def At(self) -> Any:
+        """Aᵀ, CSC where A is.  (n, m)"""
+        return transposed(self.A) if self.is_sparse else self.A.T
 
     @property
     def P(self) -> Vector:
-        """AᵀA, dense.  (n, n)"""
+        """AᵀA, dense, symmetric to the last bit.  (n, n)"""
         if self._P is None:
-            self._P = self.P_sparse.toarray() if self.is_sparse else self.A.T @ self.A
+            self._P = dense_product(self.A, self.At) if self.is_sparse else self.A.T @ self.A
         return self._P
 
-    @cached_property
+    @property
     def P_sparse(self) -> sp.csc_matrix:
         """AᵀA of a sparse A.  (n, n) CSC"""
-        return sp.csc_matrix(self.A.T @ self.A)
+        return product(self.A, self.At)
 
     @cached_property
     def P_upper(self) -> sp.csc_matrix:
@@ -128,17 +150,15 @@ class Posed:
         That of a dense A keeps its zeros, so that the pattern is the same at every step.
         """
         if self.is_sparse:
-            return sp.csc_matrix(sp.triu(self.P_sparse))
-        place, pattern = _upper(self.n)
-        return _filled(pattern, self.P.ravel().take(place))
+            return product(self.A, self.At, 1)
+        return _filled(_upper(self.n), self.P)
 
     @property
     def P_lower(self) -> sp.csc_matrix:
         """Lower triangle of AᵀA.  (n, n) CSC"""
         if self.is_sparse:
-            return sp.csc_matrix(sp.tril(self.P_sparse))
-        place, pattern = _lower(self.n)
-        return _filled(pattern, self.P.ravel().take(place))
+            return product(self.A, self.At, -1)
+        return _filled(_lower(self.n), self.P)
 
     @cached_property
     def dense(self) -> Vector:
@@ -149,8 +169,8 @@ class Posed:
     def sparse(self) -> sp.csc_matrix:
         """A as CSC; a dense A keeps its zeros.  (m, n)"""
         if self.is_sparse:
-            return sp.csc_matrix(self.A)
-        return _filled(_full(self.m, self.n), self.A.T.ravel())
+            return csc(self.A.shape, self.A.data, self.A.indices, self.A.indptr)
+        return csc(self.A.shape, self.A.T.ravel(), *_full(self.m, self.n))
 
     @cached_property
     def range(self) -> tuple[Vector, Vector, Vector]:
@@ -206,7 +226,7 @@ class Posed:
 
     def misses(self, x: Vector, asked: float) -> bool:
         """Whether the KKT residual of x ≥ 0 says that A x may be off by more than `asked`."""
-        gradient = self.q + self.A.T @ (self.A @ x)
+        gradient = self.q + self.At @ (self.A @ x)
         worst = np.where(x > 0, np.abs(gradient), -gradient).max(initial=-float(x.min(initial=0.0)))
         return bool(worst > 10.0 * self.residual_tolerance(asked, 1e-13))
 
@@ -227,45 +247,41 @@ class Posed:
         """x of the QP from the unknowns.  (k,)"""
         if self.units is None:
             return x[: self.n]
-        full = self.units.rest.copy()
-        full[self.units.kept] = self.units.unit * x[: self.n]
+        kept, unit, _, rest = self.units
+        own = np.asarray(unit * x[: self.n])
+        if rest is None:
+            return own
+        full = rest.copy()
+        full[kept] = own
         return full
 
 
-def pose(qp: ContactQP, *, dense: bool = False, forces: tuple[float, float] = FORCES) -> Posed:
+def pose(
+    qp: ContactQP,
+    dense: bool = False,
+    forces: tuple[float, float] = FORCES,
+    one_sided_forces: tuple[float, float] | None = None,
+) -> Posed:
     """The QP as it is, or without its fixed rows and in units of its own (steps 1 to 3 above).
 
-    dense : whether a sparse A is made a dense one;  forces : sizes that are left as they are
+    dense : whether a sparse A is made a dense one;  forces : sizes that are left as they are;
+    one_sided_forces : those where x ≥ 0 is all that is asked, if they are others
     """
     A: Any = qp.dense_A if dense else qp.A
-    q: Vector = A.T @ qp.d
-    if type(A) is np.ndarray:
-        P = A.T @ A
-        squares = P.diagonal()
-    else:
-        P, squares = None, _squares(A)
-    if q.size <= FEW:
-        sizes = squares.tolist()
-        least, most = min(sizes, default=1.0), max(sizes, default=1.0)
-        force = max(map(abs, q.tolist()), default=0.0)
-    else:
-        least, most, force = squares.min(), squares.max(), max(float(q.max()), -float(q.min()))
-    usual = least >= LONG**-2 and most <= LONG**2
-    if not usual or np.count_nonzero(qp.lower == qp.upper):
-        return _scaled(qp, A, squares, usual)
+    P = A.T @ A if type(A) is np.ndarray else None
+    sizes = sparse_sizes(qp, A) if P is None else dense_sizes(qp, A, P)
+    q, force, away, shortest, longest, fixed, one_sided = sizes
+    usual = shortest >= LONG**-2 and longest <= LONG**2
+    if fixed or not usual:
+        return _scaled(qp, A, usual)
+    if one_sided and one_sided_forces is not None:
+        forces = one_sided_forces
     if forces[0] < force < forces[1]:
-        return Posed(A, qp.d, qp.lower, qp.upper, qp.row_id, q, P, force)
-    k, unit = qp.k, _scale(max(force, _away(qp.lower, qp.upper)))
-    units = Units(_first(k), np.full(k, unit), unit, np.zeros(k))
-    ends = qp.lower / unit, qp.upper / unit
-    return Posed(A, qp.d / unit, *ends, qp.row_id, q / unit, P, 1.0, units)
-
-
-def _away(lower: Vector, upper: Vector) -> float:
-    """How far bounds force x away from 0."""
-    if lower.size <= FEW:
-        return max(0.0, *lower.tolist(), -min(upper.tolist(), default=0.0))
-    return max(0.0, float(lower.max()), -float(upper.min()))
+        return Posed(A, qp.d, qp.lower, qp.upper, qp.row_id, q, force, one_sided, P)
+    unit = _scale(max(force, away))
+    units = Units(_ALL, unit, unit)
+    ends = (qp.lower, qp.upper) if one_sided else (qp.lower / unit, qp.upper / unit)
+    return Posed(A, qp.d, *ends, qp.row_id, q / unit, 1.0, one_sided, P, units)
 
 
 def _scale(size: float) -> float:
@@ -273,16 +289,10 @@ def _scale(size: float) -> float:
     return ldexp(1.0, frexp(size)[1] - 1) if size > 0 else 1.0
 
 
-@lru_cache(64)
-def _first(k: int) -> NDArray[np.int64]:
-    """The first k numbers; not to be written into."""
-    return np.arange(k)
-
-
-def _scaled(qp: ContactQP, A: Any, squares: Vector, usual: bool) -> Posed:
+def _scaled(qp: ContactQP, A: Any, usual: bool) -> Posed:
     """The QP without its fixed rows, columns and forces scaled.
 
-    squares : (k,) of the lengths of the columns;  usual : whether those are left as they are
+    usual : whether the lengths of the columns are left as they are
     """
     fixed = qp.lower == qp.upper
     kept = np.flatnonzero(~fixed)
@@ -292,21 +302,17 @@ def _scaled(qp: ContactQP, A: Any, squares: Vector, usual: bool) -> Posed:
         A, d = A[:, kept], d + A @ rest
     lengths = np.ones(kept.size)
     if not usual:
-        lengths = _power_of_two(np.sqrt(squares[kept]))
+        squares = A.multiply(A) if sp.issparse(A) else A * A
+        lengths = _power_of_two(np.sqrt(squares.sum(axis=0)))
         A = A @ sp.diags_array(1.0 / lengths).tocsc() if sp.issparse(A) else A / lengths
         lower, upper = lower * lengths, upper * lengths
     q = A.T @ d
     gradient = max(float(q.max(initial=0.0)), -float(q.min(initial=0.0)))
-    force = _scale(max(gradient, _away(lower, upper)))
+    force = _scale(max(gradient, float(lower.max(initial=0.0)), -float(upper.min(initial=0.0))))
     units = Units(kept, force / lengths, force, rest)
-    ends = lower / force, upper / force
-    return Posed(A, d / force, *ends, qp.row_id[kept], q / force, None, 1.0, units)
-
-
-def _squares(A: Any) -> Vector:
-    """Squares of the lengths of the columns of a CSC matrix.  (k,)"""
-    column = np.repeat(np.arange(A.shape[1]), np.diff(A.indptr))
-    return np.bincount(column, A.data * A.data, A.shape[1]).astype(float)
+    one_sided = not lower.any() and bool(upper.min(initial=np.inf) == np.inf)
+    rows = qp.row_id[kept]
+    return Posed(A, d, lower / force, upper / force, rows, q / force, 1.0, one_sided, None, units)
 
 
 def _finite_together(one: Vector, other: Vector) -> bool:
@@ -320,34 +326,38 @@ def _power_of_two(size: Any) -> Any:
     return np.ldexp(1.0, exponent)
 
 
-def _filled(pattern: sp.csc_matrix, data: Vector) -> sp.csc_matrix:
-    """A matrix of that pattern."""
-    made = copy(pattern)
-    made.data = data
-    return made
+class _Triangle(NamedTuple):
+    """Where a triangle of a dense (n, n) is, column by column, and its pattern."""
+
+    place: NDArray[np.int64]
+    indices: NDArray[np.int32]
+    indptr: NDArray[np.int32]
+
+
+def _filled(triangle: _Triangle, P: Vector) -> sp.csc_matrix:
+    """That triangle of P."""
+    place, indices, indptr = triangle
+    return csc(P.shape, P.ravel().take(place), indices, indptr)
 
 
 @lru_cache(64)
-def _upper(n: int) -> tuple[NDArray[np.int64], sp.csc_matrix]:
-    """Where the upper triangle of a dense (n, n) is, column by column, and its pattern."""
+def _upper(n: int) -> _Triangle:
     column, row = np.tril_indices(n)
     return _triangle(n, row, column)
 
 
 @lru_cache(64)
-def _lower(n: int) -> tuple[NDArray[np.int64], sp.csc_matrix]:
-    """Where the lower triangle is."""
+def _lower(n: int) -> _Triangle:
     column, row = np.triu_indices(n)
     return _triangle(n, row, column)
 
 
-def _triangle(n: int, row: Any, column: Any) -> tuple[NDArray[np.int64], sp.csc_matrix]:
+def _triangle(n: int, row: Any, column: Any) -> _Triangle:
     pointers = np.searchsorted(column, np.arange(n + 1))
-    return row * n + column, sp.csc_matrix((np.ones(row.size), row, pointers), shape=(n, n))
+    return _Triangle(row * n + column, row.astype(np.int32), pointers.astype(np.int32))
 
 
 @lru_cache(64)
-def _full(m: int, n: int) -> sp.csc_matrix:
-    """The pattern of a dense (m, n)."""
-    indices, pointers = np.tile(np.arange(m), n), np.arange(n + 1) * m
-    return sp.csc_matrix((np.ones(m * n), indices, pointers), shape=(m, n))
+def _full(m: int, n: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """The pattern of a dense (m, n): indices and pointers."""
+    return np.tile(np.arange(m, dtype=np.int32), n), np.arange(n + 1, dtype=np.int32) * m

@@ -33,10 +33,12 @@ from numpy.typing import NDArray
 
 from problems.qp import AT_LOWER, AT_UPPER, FREE, Vector
 from solvers.adapters.inner_options import check_variant
+from solvers.adapters.normal_form import csc
 from solvers.adapters.package import Native, Outcome, PackageSolver
 from solvers.adapters.posed import Posed
 
 Members = NDArray[np.int8]
+_ALL = slice(0, None)
 
 
 class OneSided(NamedTuple):
@@ -67,6 +69,8 @@ class OneSided(NamedTuple):
 
 def one_sided(posed: Posed) -> OneSided:
     """Count every row from a finite bound, the lower one if it has both."""
+    if posed.one_sided:
+        return _as_it_is(posed.n)
     below, above = np.isfinite(posed.lower), np.isfinite(posed.upper)
     order = np.argsort(below | above, kind="stable")
     two = np.flatnonzero((below & above)[order])
@@ -78,6 +82,13 @@ def one_sided(posed: Posed) -> OneSided:
         two=two,
         width=(posed.upper - posed.lower)[order][two],
     )
+
+
+@lru_cache(64)
+def _as_it_is(n: int) -> OneSided:
+    """x = x′ ≥ 0."""
+    none = np.zeros(n), np.ones(n), np.arange(n)
+    return OneSided(*none, 0, np.zeros(0, np.int64), np.zeros(0))
 
 
 class Program(abc.ABC):
@@ -121,10 +132,7 @@ class Program(abc.ABC):
     @property
     def P_upper(self) -> sp.csc_matrix:
         """Upper triangle of P, here diag(0, I).  (N, N) CSC"""
-        size, zeros = self.q.size, self.q.size - self.posed.m
-        place = np.arange(zeros, size)
-        pointers = np.concatenate([np.zeros(zeros, np.int64), np.arange(self.posed.m + 1)])
-        return sp.csc_matrix((np.ones(self.posed.m), place, pointers), shape=(size, size))
+        return _last_ones(self.q.size, self.posed.m)
 
     @property
     def P_lower(self) -> sp.csc_matrix:
@@ -137,7 +145,8 @@ class Program(abc.ABC):
 
     def rows(self, chosen: Any, *, sparse: bool) -> Any:
         """Rows of R, dense or CSC."""
-        part = self.R[chosen]
+        whole = type(chosen) is slice and chosen == _ALL
+        part = self.R if whole else self.R[chosen]
         return sp.csc_matrix(part) if sparse else part.toarray()
 
     def joined(self, equations: Vector, others: Vector) -> Vector:
@@ -223,7 +232,13 @@ class Residual(Program):
         if not sparse:
             return super().rows(chosen, sparse=sparse)
         if type(chosen) is slice:
-            return sp.hstack([self.posed.sparse, -identity(self.equal)], format="csc")
+            A, minus = self.posed.sparse, _minus(self.equal)
+            return csc(
+                (self.equal, self.q.size),
+                np.concatenate([A.data, minus.data]),
+                np.concatenate([A.indices, minus.indices]),
+                np.concatenate([A.indptr, A.nnz + minus.indptr[1:]]),
+            )
         return _bound_rows(self.simple, self.equal)
 
     def guess(self, duals: Vector) -> tuple[Vector, Vector]:
@@ -254,6 +269,8 @@ class Velocity(Program):
     @cached_property
     def R(self) -> sp.csc_matrix:
         own, n, t = self.own, self.posed.n, self.simple
+        if self.posed.one_sided and self.posed.is_sparse:
+            return self.posed.At
         B = self.posed.sparse
         if (own.sign != 1.0).any():
             B = scaled(B, own.sign, axis=1)
@@ -316,6 +333,20 @@ def _bound_rows(n: int, m: int) -> sp.csc_matrix:
 
 
 @lru_cache(64)
+def _last_ones(size: int, ones: int) -> sp.csc_matrix:
+    """diag(0, I).  (size, size) CSC"""
+    place = np.arange(size - ones, size)
+    pointers = np.concatenate([np.zeros(size - ones, np.int64), np.arange(ones + 1)])
+    return sp.csc_matrix((np.ones(ones), place, pointers), shape=(size, size))
+
+
+@lru_cache(64)
+def _minus(size: int) -> sp.csc_matrix:
+    """−I.  (size, size) CSC"""
+    return -identity(size)
+
+
+@lru_cache(64)
 def identity(size: int) -> sp.csc_matrix:
     """I.  (size, size) CSC"""
     return sp.csc_matrix(sp.identity(size))
@@ -361,7 +392,8 @@ def cones(program: Program) -> Cones:
     sign[same.size : same.size + below.size] = -1.0
     h = np.concatenate([lower[same], -lower[below], upper[above]])
     if row.size == below.size == lower.size:
-        G = -program.R
+        R = program.R
+        G = csc(R.shape, -R.data, R.indices, R.indptr)
     else:
         G = scaled(program.R[row], sign, axis=0)
     return Cones(G, h, same.size, row, sign)

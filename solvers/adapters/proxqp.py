@@ -63,6 +63,10 @@ class ProxQP(ProgramSolver):
         """With y = A x as rows where A is sparse."""
         return "residual" if posed.is_sparse else "normal"
 
+    def starts_anew(self, posed: Posed) -> bool:
+        """Not where bounds are a box: `solve` refuses multipliers of it."""
+        return posed.is_sparse or self.program(posed).posed.form != "normal"
+
     def pack(self, program: Program) -> Any:
         """What `init` and `update` take: P, q, the equations, the other rows, the box.
 
@@ -90,45 +94,41 @@ class ProxQP(ProgramSolver):
     def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
         """Update the workspace of the previous solve, or make one, and put x, y and z there."""
         posed, arrays, options, carried, _, guess = problem
-        box, old = _is_box(arrays), None if carried is None else carried.native.arrays[0]
-        if (
-            old is not None
-            and _is_box(old) == box
-            and all(same_kind(old[i], arrays[i]) for i in (0, 2, 4))
-        ):
-            solver = carried.native.object  # type: ignore[union-attr]
+        box, before = _is_box(arrays), None if carried is None else carried.native
+        if before is not None and not _alike(before, posed, arrays):
+            before = None
+        if before is not None:
+            solver = before.object
             fill = solver.update
         else:
             solver = _solver(posed.is_sparse, arrays)
-            fill, carried = solver.init, None
-        settings = solver.settings
-        change(settings, options, None if carried is None else carried.native)
+            fill = solver.init
+        if box and before is None:  # `solve` refuses multipliers of it
+            guess = None
         # `update` forgets what the last solve ended with, unless it is told so before
-        settings.initial_guess = _NOTHING_KNOWN if carried is None else _LAST_RESULT
+        options["initial_guess"] = _NOTHING_KNOWN if before is None else _LAST_RESULT
+        if guess is not None or before is not None:
+            options["max_iter"] = min(_PATIENCE, self.max_iterations)
+        change(solver.settings, options, before)
         fill(*arrays)
         begin: Any = ()
-        if guess is not None and (not box or carried is not None):
+        if guess is not None:
             program, (z, y) = self.program(posed), guess
-            begin = z, y[program.equations] if program.equal else None, y[program.others]
-            if box:  # `solve` refuses multipliers of a box
+            if box:
                 solver.results.x, solver.results.z = z, y
-                begin = ()
             else:
-                settings.initial_guess = proxqp.InitialGuess.WARM_START
-        elif carried is None:
-            return Native(posed, solver, (arrays, begin), options)
-        settings.max_iter = min(_PATIENCE, self.max_iterations)
+                begin = z, y[program.equations] if program.equal else None, y[program.others]
+                _set(solver, options, initial_guess=proxqp.InitialGuess.WARM_START)
         return Native(posed, solver, (arrays, begin), options)
 
     def run(self, native: Native) -> Any:
         """`QP.solve`, and once more from nothing where a start has led nowhere."""
-        solver = native.object
-        solver.solve(*native.arrays[1])
-        settings = solver.settings
-        if settings.max_iter < self.max_iterations and solver.results.info.status == _EXHAUSTED:
-            settings.max_iter = self.max_iterations
-            settings.initial_guess = _NOTHING_KNOWN
-            solver.init(*native.arrays[0])  # `solve` alone keeps penalties of the run that failed
+        solver, (arrays, begin), options = native.object, native.arrays, native.options
+        solver.solve(*begin)
+        patient = options["max_iter"] == self.max_iterations
+        if not patient and solver.results.info.status == _EXHAUSTED:
+            _set(solver, options, max_iter=self.max_iterations, initial_guess=_NOTHING_KNOWN)
+            solver.init(*arrays)  # `solve` alone keeps penalties of the run that failed
             solver.solve()
 
     def outcome(self, native: Native, result: Any) -> Outcome:
@@ -137,6 +137,21 @@ class ProxQP(ProgramSolver):
         info, z = says.info, np.array(says.z)
         y = z if native.posed.form == "normal" else self.program(native.posed).joined(says.y, z)
         return Outcome(np.array(says.x), info.status.name, info.iter, y, 1e-6 * info.run_time)
+
+
+def _set(solver: Any, options: dict[str, Any], **more: Any) -> None:
+    """Set some settings, and keep what they are."""
+    for name, value in more.items():
+        setattr(solver.settings, name, value)
+    options |= more
+
+
+def _alike(before: Native, posed: Posed, arrays: Any) -> bool:
+    """Whether the object of the previous solve can be updated to these arrays, of the same form."""
+    old = before.arrays[0]
+    return posed.is_dense_like(before.posed) or (
+        _is_box(old) == _is_box(arrays) and all(same_kind(old[i], arrays[i]) for i in (0, 2, 4))
+    )
 
 
 def _is_box(arrays: Any) -> bool:

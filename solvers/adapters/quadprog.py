@@ -1,9 +1,8 @@
 """quadprog, the dual active-set method of Goldfarb and Idnani (1983) in C.
 
 It wants a definite Hessian.  Where P = AᵀA is one, the problem is posed in normal form, with one
-row for each finite bound, and with J = R⁻¹, P = RᵀR, from LAPACK, which quadprog would make itself,
-more slowly and without saying how near to singular P is.  Elsewhere the velocity problem (3.4) is
-posed:
+row for each finite bound.  quadprog does not say how near to singular P is: building looks at the
+pivots of P.  Elsewhere the velocity problem (3.4) is posed:
 
     minimise ½‖r − c‖²   subject to   Bᵀ r ≥ 0,
 
@@ -29,9 +28,9 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import quadprog
-from scipy.linalg.lapack import dpotrf, dtrtri
 
 from problems.qp import Status, Vector
+from solvers.adapters.normal_form import is_definite
 from solvers.adapters.package import Built, Native, Outcome, PackageSolver
 from solvers.adapters.posed import Posed
 from solvers.adapters.programs import OneSided, one_sided
@@ -46,8 +45,9 @@ _MAX_PASSES = 20
 
 
 class _Slacked(NamedTuple):
-    """The velocity problem: a, C, b, the number of equations and that of r; how x′ is counted."""
+    """The velocity problem: I, a, C, b, numbers of equations and of r, and how x′ is counted."""
 
+    identity: Vector
     a: Vector
     C: Vector
     b: Vector
@@ -71,50 +71,46 @@ class Quadprog(PackageSolver):
     }
 
     def arrays(self, posed: Posed) -> Any:
-        """a, C and b of the normal form; the velocity problem where P is singular for sure."""
-        if posed.n > posed.m:
+        """P, a, C and b of the normal form; the velocity problem where P is singular."""
+        if posed.n > posed.m or not is_definite(posed.P, _SINGULAR):
             return _slacked(posed)
         if posed.one_sided:
-            return -posed.q, _identity(posed.n), posed.lower.copy()
+            return posed.P, -posed.q, _identity(posed.n), posed.lower.copy()
         low, high = np.flatnonzero(posed.lower > -np.inf), np.flatnonzero(posed.upper < np.inf)
         if not low.size + high.size:
             return _slacked(posed)  # with equations alone: quadprog wants a row
         rows = _identity(posed.n)
         C = np.hstack([rows[:, low], -rows[:, high]])
-        return -posed.q, C, np.concatenate([posed.lower[low], -posed.upper[high]])
+        return posed.P, -posed.q, C, np.concatenate([posed.lower[low], -posed.upper[high]])
 
     def setup(self, problem: Built, asked: float | None, start: Start | None) -> Native:
-        """R⁻¹, P = RᵀR; I of the velocity problem, which is made here where P proves singular."""
-        posed, arrays, *_ = problem
-        if not isinstance(arrays, _Slacked):
-            R, failed = dpotrf(posed.P, lower=0, clean=1)
-            pivots = R.diagonal().tolist()
-            if not failed and min(pivots) > _SINGULAR * max(pivots):
-                return Native(posed, dtrtri(R)[0], arrays)
-            arrays = _slacked(posed)
-        return Native(posed, np.identity(arrays.a.size), arrays)
+        """Nothing: all of it is one call."""
+        return Native(problem.posed, None, problem.arrays)
 
     def run(self, native: Native) -> Any:
         """`quadprog.solve_qp`, again until the slacks have settled."""
         try:
             if isinstance(native.arrays, _Slacked):
-                return _settled(native.object, native.arrays)
-            x, _, _, counts, *_ = quadprog.solve_qp(native.object, *native.arrays, 0, True)
+                return _settled(native.arrays)
+            return quadprog.solve_qp(*native.arrays)
         except ValueError as error:  # quadprog's only way to say that it failed
-            return None, 0, str(error)
-        return x, int(counts[0]), "solved"
+            return str(error)
 
     def outcome(self, native: Native, result: Any) -> Outcome:
         """x, or x′ from the multipliers of the velocity problem."""
-        x, iterations, text = result
-        if x is not None and isinstance(native.arrays, _Slacked):
-            x = native.arrays.own.x(x[: native.posed.n])
-        return Outcome(x, text, iterations)
+        if isinstance(result, str):
+            return Outcome(None, result)
+        if isinstance(native.arrays, _Slacked):
+            multipliers, iterations = result
+            x = native.arrays.own.x(multipliers[: native.posed.n])
+            return Outcome(x, "solved", iterations)
+        x, _, _, counts, *_ = result
+        return Outcome(x, "solved", int(counts[0]))
 
 
-def _settled(identity: Vector, problem: _Slacked) -> tuple[Vector, int, str]:
+def _settled(problem: _Slacked) -> tuple[Vector, int]:
     """Multipliers and iterations of the velocity problem, once its slacks stand still."""
-    a, C, b, equations, m, _ = problem
+    identity, a, C, b, equations, m, _ = problem
     now, slack, iterations = a, np.zeros(a.size - m), 0
     for _ in range(_MAX_PASSES):
         r, _, _, counts, multipliers, _ = quadprog.solve_qp(identity, now, C, b, equations, True)
@@ -124,7 +120,7 @@ def _settled(identity: Vector, problem: _Slacked) -> tuple[Vector, int, str]:
             break
         slack = r[m:]
         now = np.concatenate([a[:m], a[m:] + slack])
-    return multipliers, iterations, "solved"
+    return multipliers, iterations
 
 
 def _slacked(posed: Posed) -> _Slacked:
@@ -140,7 +136,8 @@ def _slacked(posed: Posed) -> _Slacked:
     c = d + A @ own.base
     b = np.zeros(n + t)
     b[own.equations : n] = -_RELAXED * max(posed.force, float(np.linalg.norm(c)))
-    return _Slacked(np.concatenate([c, -_SLACK * own.width]), C, b, own.equations, m, own)
+    a = np.concatenate([c, -_SLACK * own.width])
+    return _Slacked(np.identity(a.size), a, C, b, own.equations, m, own)
 
 
 @lru_cache(64)

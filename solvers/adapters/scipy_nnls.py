@@ -15,10 +15,13 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.optimize import nnls
 
-from problems.qp import Status
+from problems.qp import ContactQP, Status
+from solvers.adapters.normal_form import is_one_sided
 from solvers.adapters.package import Built, Native, Outcome, PackageSolver
 from solvers.adapters.posed import Posed
 from solvers.base import Form, Start, Unsupported
+
+_NOTHING = np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,15 @@ class ScipyNNLS(PackageSolver):
         "solved": Status.SOLVED,
         "Maximum number of iterations reached.": Status.ITERATION_LIMIT,
     }
+
+    def build(self, qp: ContactQP, start: Start | None) -> Built:
+        """A and −d as they are, of x ≥ 0: the method asks for no scale, and takes no start."""
+        lower, upper = qp.lower, qp.upper
+        if not is_one_sided(lower, upper):
+            return super().build(qp, None)
+        A, d = qp.dense_A, qp.d
+        posed = Posed(A, d, lower, upper, qp.row_id, _NOTHING, np.nan, one_sided=True)
+        return Built(posed, (A, -d, None, None))
 
     def arrays(self, posed: Posed) -> Any:
         """A, −d, base and σ of x = base + σ x′, x′ ≥ 0."""

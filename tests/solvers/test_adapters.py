@@ -555,13 +555,14 @@ def test_posing_only_multiplies_by_powers_of_two():
             assert posed.n == free.sum()
             lengths = np.linalg.norm(posed.dense, axis=0)
             assert (((lengths >= 1 / LONG) & (lengths <= LONG)) | (lengths == 0)).all()
-            units = posed.units or Units(np.arange(qp.k), np.ones(qp.k), 1.0, np.zeros(qp.k))
-            assert np.frexp(units.unit)[0].tolist() == [0.5] * posed.n
+            units = posed.units or Units(slice(None), 1.0, 1.0)
+            unit = np.broadcast_to(units.unit, posed.n)
+            assert np.frexp(unit)[0].tolist() == [0.5] * posed.n
             assert np.abs(posed.q).max(initial=1e-3) <= 1e6
             x = np.where(free, 0.5, qp.lower)
-            np.testing.assert_array_equal(posed.restore(0.5 / units.unit), x)
+            np.testing.assert_array_equal(posed.restore(0.5 / unit), x)
             # r̂ = r / force, up to rounding in the elimination of fixed rows
-            r = units.force * (posed.A @ (x[free] / units.unit) + posed.d)
+            r = units.force * (posed.A @ (x[free] / unit) + posed.d)
             np.testing.assert_allclose(r, qp.residual(x), atol=1e-13 * (1 + np.abs(qp.d).max()))
 
 
