@@ -6,10 +6,11 @@ bound, or in any other of `programs`.  P may be singular.
 Accuracy: `tol_gap_abs` is the gap that `asked` allows, not below 1e-13 (further down Clarabel gives
 up now and then and answers worse); `tol_gap_rel` is 0, but for large QPs (`Posed.gap_share`), and
 `tol_feas` at least 1e-13.  An interior-point method comes to a degenerate row (x and Δ both 0) only
-as √gap, so 3e-7.  Forces are scaled to 1: as they are, Clarabel 0.11 creeps along a bound of 1 of
-300 QPs of fig4 for 200 iterations, x of size 30 and A well-conditioned.  Where x ≥ 0 is all that is
-asked they are left as they are up to 100: a tower of 3 boxes takes 12 iterations, not 15, and a
-wall of 30 bricks 10, not 20.
+as √gap, so 3e-7.  Forces are scaled to be 1 to 2: greater ones make Clarabel 0.11 creep along a
+bound of 1 of 300 of fig4's QPs for 200 iterations, x of size 30 and A well-conditioned.  Where
+x ≥ 0 is all that is asked they are scaled to be 8 to 16: of towers, walls and pyramids of 2 to 225
+bodies it then takes 12 or 13 iterations, where it takes 14 or 15 at 1 to 2; beyond 16 it is lost
+now and then where P is singular.
 In a sequence the data are updated in place where the pattern is the same, which spares the symbolic
 factorization; no x is carried over.
 """
@@ -39,7 +40,7 @@ class Clarabel(ProgramSolver):
     package: ClassVar[str] = "clarabel"
     warm_start: ClassVar[str] = "workspace"
     forces: ClassVar[tuple[float, float]] = UNIT
-    one_sided_forces: ClassVar[tuple[float, float]] = 1e-2, 1e2
+    one_sided_forces: ClassVar[tuple[float, float] | None] = (8.0, 16.0)
     regularisation: ClassVar[str] = "1e-12 in its linear systems, refined away"
     statuses: ClassVar[dict[Any, Status]] = {
         "Solved": Status.SOLVED,

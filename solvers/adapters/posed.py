@@ -68,7 +68,7 @@ class Posed:
     A : (m, n) dense or CSC;  d : (m,);  lower, upper : (n,)
     rows : (n,) row ids of the unknowns
     q : (n,) Aᵀd, the gradient at x = 0; empty for a package that is not posed it
-    force : ‖q‖∞ where it is left as it is, 1 in scaled units: the size of what acts
+    force : ‖q‖∞ where it is left as it is, what it is scaled to elsewhere: the size of what acts
     one_sided : whether all of x ≥ 0 and nothing else is asked
     units : None where all of it is the QP's own
     form, program : the form in which it is posed, and the QP in it, where there are several
@@ -264,24 +264,25 @@ def pose(
 ) -> Posed:
     """The QP as it is, or without its fixed rows and in units of its own (steps 1 to 3 above).
 
-    dense : whether a sparse A is made a dense one;  forces : sizes that are left as they are;
-    one_sided_forces : those where x ≥ 0 is all that is asked, if they are others
+    dense : whether a sparse A is made a dense one;  forces : sizes that are left as they are; if 1
+        is none of them, others are scaled to the least;  one_sided_forces : the same where x ≥ 0 is
+        all that is asked, if they are others
     """
     A: Any = qp.dense_A if dense else qp.A
     P = A.T @ A if type(A) is np.ndarray else None
     sizes = sparse_sizes(qp, A) if P is None else dense_sizes(qp, A, P)
     q, force, away, shortest, longest, fixed, one_sided = sizes
     usual = shortest >= LONG**-2 and longest <= LONG**2
+    least, most = one_sided_forces if one_sided and one_sided_forces else forces
+    size = max(1.0, least)
     if fixed or not usual:
-        return _scaled(qp, A, usual)
-    if one_sided and one_sided_forces is not None:
-        forces = one_sided_forces
-    if forces[0] < force < forces[1]:
+        return _scaled(qp, A, usual, size)
+    if least <= force < most:
         return Posed(A, qp.d, qp.lower, qp.upper, qp.row_id, q, force, one_sided, P)
-    unit = _scale(max(force, away))
+    unit = _scale(max(force, away)) / size
     units = Units(_ALL, unit, unit)
     ends = (qp.lower, qp.upper) if one_sided else (qp.lower / unit, qp.upper / unit)
-    return Posed(A, qp.d, *ends, qp.row_id, q / unit, 1.0, one_sided, P, units)
+    return Posed(A, qp.d, *ends, qp.row_id, q / unit, size, one_sided, P, units)
 
 
 def _scale(size: float) -> float:
@@ -289,10 +290,10 @@ def _scale(size: float) -> float:
     return ldexp(1.0, frexp(size)[1] - 1) if size > 0 else 1.0
 
 
-def _scaled(qp: ContactQP, A: Any, usual: bool) -> Posed:
+def _scaled(qp: ContactQP, A: Any, usual: bool, size: float) -> Posed:
     """The QP without its fixed rows, columns and forces scaled.
 
-    usual : whether the lengths of the columns are left as they are
+    usual : whether the lengths of the columns are left as they are;  size : what forces are to be
     """
     fixed = qp.lower == qp.upper
     kept = np.flatnonzero(~fixed)
@@ -308,11 +309,12 @@ def _scaled(qp: ContactQP, A: Any, usual: bool) -> Posed:
         lower, upper = lower * lengths, upper * lengths
     q = A.T @ d
     gradient = max(float(q.max(initial=0.0)), -float(q.min(initial=0.0)))
-    force = _scale(max(gradient, float(lower.max(initial=0.0)), -float(upper.min(initial=0.0))))
+    away = max(float(lower.max(initial=0.0)), -float(upper.min(initial=0.0)))
+    force = _scale(max(gradient, away)) / size
     units = Units(kept, force / lengths, force, rest)
     one_sided = not lower.any() and bool(upper.min(initial=np.inf) == np.inf)
     rows = qp.row_id[kept]
-    return Posed(A, d, lower / force, upper / force, rows, q / force, 1.0, one_sided, None, units)
+    return Posed(A, d, lower / force, upper / force, rows, q / force, size, one_sided, None, units)
 
 
 def _finite_together(one: Vector, other: Vector) -> bool:
