@@ -55,12 +55,36 @@ def sparse() -> None:
             last = make_solver(name).solve(qp, last)
 
 
-PARTS: dict[str, Callable[[], None]] = {"steps": steps, "dense": dense, "sparse": sparse}
-LANES = ("steps",), ("dense", "sparse")
+def posing() -> None:
+    """What brings QPs into the form of packages."""
+    import numpy as np
+    import scipy.sparse as sp
+
+    from problems.qp import ContactQP
+    from solvers.adapters.normal_form import is_definite, is_one_sided
+    from solvers.adapters.posed import pose
+
+    A, ends = np.array([[1.0], [0.5]]), (np.zeros(1), np.full(1, np.inf))
+    for each in (A, sp.csc_array(A)):
+        posed = pose(ContactQP(each, np.ones(2), *ends))
+        is_one_sided(posed.lower, posed.upper)
+        is_definite(posed.P, 0.5)
+        assert posed.P_upper.nnz == posed.P_lower.nnz
+
+
+PARTS: dict[str, Callable[[], None]] = {
+    "steps": steps,
+    "posing": posing,
+    "dense": dense,
+    "sparse": sparse,
+}
+LANES = ("steps", "posing"), ("dense", "sparse")
 """Parts that need each other, in the order in which one process compiles them; a lane a core."""
 
 
-def compile_ahead(parts: Sequence[str] = ("steps", "dense"), tell: Progress | None = None) -> None:
+def compile_ahead(
+    parts: Sequence[str] = ("steps", "posing", "dense"), tell: Progress | None = None
+) -> None:
     """See to it that these parts are compiled, each lane in a process of its own.
 
     tell : called with what is compiled and how many parts are done, of all
@@ -110,8 +134,10 @@ def _mark(part: str) -> Path:
     place = Path(__file__).resolve()
     names = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "NUMBA_OPT", "NUMBA_NRT_STATS")
     said = [numba.__version__, sys.version, str(place), *(os.environ.get(n, "") for n in names)]
+    if part == "posing":
+        said.append((place.parents[2] / "solvers/adapters/normal_form.py").read_text("utf-8"))
     key = hashlib.sha256("\n".join(said).encode()).hexdigest()[:16]
-    sources = compiled.SOURCES if part != "steps" else SOURCES
+    sources = SOURCES if part in ("steps", "posing") else compiled.SOURCES
     return cache_folder(sources) / f"{part}-{key}"
 
 
