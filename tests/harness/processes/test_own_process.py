@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import time
+from contextlib import suppress
 
 import psutil
 import pytest
@@ -31,9 +32,8 @@ time.sleep(1000)
 def living(numbers: list[int]) -> list[int]:
     found = []
     for number in numbers:
-        if psutil.pid_exists(number):
-            process = psutil.Process(number)
-            found += [number] * (process.status() != psutil.STATUS_ZOMBIE)
+        with suppress(psutil.NoSuchProcess):  # it may end between two looks
+            found += [number] * (psutil.Process(number).status() != psutil.STATUS_ZOMBIE)
     return found
 
 
