@@ -62,7 +62,7 @@ STEPS, STEP = 8, 0.005
 MOST = 60
 """QPs of a sequence."""
 COORDINATES = 3
-"""Of a body."""
+"""Rows of A that belong together: of a body, in space of its motion or its rotation."""
 FAR = 4.0
 """Limits that a call is expected to take where a size is not even tried."""
 LIMIT = 2.0
@@ -144,7 +144,8 @@ def sequence(folder: Path, family: str, bodies: int, progress: Progress | None =
             run = simulate(scene, counted, progress=counted.look, **how)
         except _Enough as enough:
             run = enough.run
-        qps = [_stored(qp) for qp in run.qps[:MOST]]
+        rows = run.qps[0].m  # of a step, which are those of the bodies
+        qps = [_stored(qp, rows) for qp in run.qps[:MOST]]
         run = replace(run, qps=qps, solutions=run.solutions[:MOST])
         return recording_of(run, "glambda", until=how["until"], progress=progress)
 
@@ -173,28 +174,35 @@ class _Counted:
             raise _Enough
 
 
-def _stored(qp: ContactQP) -> ContactQP:
-    """The QP with A dense up to `CROSSOVER` columns and sparse beyond."""
-    return replace(qp, A=qp.dense_A if qp.k <= CROSSOVER else whole_bodies(qp.A))
+def _stored(qp: ContactQP, rows: int) -> ContactQP:
+    """The QP with A dense up to `CROSSOVER` columns and sparse beyond; bodies have `rows`."""
+    of_bodies = rows if qp.m >= rows else 0  # of a QR decomposition there are fewer
+    return replace(qp, A=qp.dense_A if qp.k <= CROSSOVER else whole_bodies(qp.A, of_bodies))
 
 
-def whole_bodies(A: Matrix) -> sp.csc_array:
+def whole_bodies(A: Matrix, rows: int) -> sp.csc_array:
     """A (m, k) in CSC with an entry for each coordinate of each body that a column touches.
 
     Zeros among them are stored: a box that stands straight has some, and has none once it tilts by
     1e-17.  So the pattern is the same from step to step, and a backend can keep what it made of it.
-    Rows that are left, as a minimum-norm QP has one, count as one more body.
+    The bodies have the first `rows`; in those that a minimum-norm QP has beyond, each entry is on
+    its own: taken together by threes they would couple contacts that share no body.
     """
     entries = sp.coo_array(A)
-    m = A.shape[0]
-    bodies = -(-m // COORDINATES)
-    touched = np.unique(entries.col.astype(np.int64) * bodies + entries.row // COORDINATES)
-    columns = np.repeat(touched // bodies, COORDINATES)
-    rows = (COORDINATES * (touched % bodies)[:, None] + np.arange(COORDINATES)).ravel()
-    columns, rows = columns[rows < m], rows[rows < m]
-    values = np.zeros(rows.size)
-    values[np.searchsorted(columns * m + rows, entries.col * m + entries.row)] = entries.data
-    return sp.csc_array((values, (rows, columns)), shape=A.shape)
+    of_body = entries.row < rows
+    first, column = entries.row[of_body] // COORDINATES, entries.col[of_body]
+    places = [COORDINATES * first + i for i in range(COORDINATES)]
+    zeros = np.zeros(COORDINATES * first.size)
+    return sp.csc_array(
+        (
+            np.concatenate([entries.data, zeros]),
+            (
+                np.concatenate([entries.row, *places]),
+                np.concatenate([entries.col, *[column] * COORDINATES]),
+            ),
+        ),
+        shape=A.shape,
+    )
 
 
 def measure_growth(

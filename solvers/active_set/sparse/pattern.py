@@ -3,7 +3,8 @@
 Each column of A touches two bodies, so that A_FᵀA_F couples contacts that share a body, and with a
 fill-reducing order of the contacts its Cholesky factor L, which is Rᵀ of A_F = Q R, is sparse too.
 
-    1. contacts between the same two bodies have the same neighbours and stay together;
+    1. contacts between the same two bodies have the same neighbours and stay together, whatever
+       rows each has to itself, as of a ridge;
     2. these groups are put in order by minimum degree on the contact graph (SuperLU's);
     3. the pattern of L follows from walks up the elimination tree (Liu 1986), which is then put in
        postorder (George and Liu 1981);
@@ -127,12 +128,13 @@ def make_pattern(A: sp.csc_array) -> Pattern:
 def contact_order(m: int, indptr: Places, indices: Places) -> Indices:
     """Fill-reducing order of the columns of A: (k,) the column at each place.
 
-    Minimum degree on the graph whose nodes are the groups of columns with the same rows.
+    Minimum degree on the graph whose nodes are the groups of columns that share the same rows.
     """
     k = indptr.size - 1
     if k == 0:
         return np.zeros(0, dtype=np.int64)
-    _, first, group = np.unique(labels(indptr, indices), return_index=True, return_inverse=True)
+    group_names = labels(m, indptr, indices)
+    _, first, group = np.unique(group_names, return_index=True, return_inverse=True)
     Gp, Gi = neighbours(m, first, indptr, indices, False)
     degree = np.diff(Gp)
     itself = Gi == np.repeat(np.arange(first.size, dtype=np.int32), degree)
@@ -146,15 +148,20 @@ def contact_order(m: int, indptr: Places, indices: Places) -> Indices:
 
 
 @kernel
-def labels(indptr, indices):
-    """(k,) a number for each column, the same where two have the same rows.
+def labels(m, indptr, indices):
+    """(k,) a number for each column, the same where two share the same of the m rows with others.
 
     The sum of random numbers, one for each row (the finalizer of splitmix64: Steele, Lea and Flood
     2014).
     """
+    sharing = np.zeros(m, np.int32)
+    for l in range(indptr[indptr.size - 1]):
+        sharing[indices[l]] += 1
     found = np.zeros(indptr.size - 1, np.uint64)
     for c in range(found.size):
         for l in range(indptr[c], indptr[c + 1]):
+            if sharing[indices[l]] == 1:
+                continue
             z = np.uint64(indices[l] + 1) * np.uint64(0x9E3779B97F4A7C15)
             z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
             z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)

@@ -82,13 +82,13 @@ def test_large_matrices_are_stored_sparse_and_keep_their_pattern(folder: Path) -
     assert (large.qps[0].A.data == 0).any()
 
 
-@pytest.mark.parametrize("m", [12, 13])
+@pytest.mark.parametrize("m", [12, 13, 18])
 @pytest.mark.parametrize("dense", [True, False])
 def test_whole_bodies_keeps_the_matrix(dense: bool, m: int) -> None:
     rng = np.random.default_rng(0)
     A = rng.standard_normal((m, 5)) * (rng.random((m, 5)) < 0.3)
     A[:, 2] = 0.0
-    stored = whole_bodies(A if dense else sp.csc_array(A))
+    stored = whole_bodies(A if dense else sp.csc_array(A), 12)
     assert (stored.toarray() == A).all()
     touched = (A[:12].reshape(4, 3, 5) != 0).any(axis=1)
     assert stored.nnz == 3 * touched.sum() + np.count_nonzero(A[12:])
