@@ -24,7 +24,7 @@ import numpy as np
 from problems.qp import Vector
 from problems.space.contacts import Point
 
-NO_SLIP = 1e-12
+SLOWEST_SLIP = 1e-12
 """A slip below this has no direction [m/s]."""
 MOST_GENERATORS = 24
 """Of the cone of an impulse, before others join."""
@@ -80,7 +80,7 @@ class Contact:
     def aim(self, slip: Vector) -> None:
         """Take the direction of a slip (3,)."""
         speed = float(np.linalg.norm(slip))
-        if self.slides and speed > NO_SLIP:
+        if self.slides and speed > SLOWEST_SLIP:
             self.way = slip / speed
 
     def directions(self, faces: int) -> Vector:

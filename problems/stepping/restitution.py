@@ -74,12 +74,6 @@ def bounced(
     return after
 
 
-LEAST_BOUNCE = 10.0
-"""The slowest, in `drop_tol`."""
-RESTING = 1e-12
-"""Contacts that approach slower than this do not [m/s]."""
-
-
 def _allowed(w: Vector, dw: Vector, most: float) -> float:
     """The largest share s ≤ 1 of dw with ‖w + s dw‖² ≤ most."""
     a, b, c = float(dw @ dw), float(w @ dw), float(w @ w) - most

@@ -73,7 +73,7 @@ def solve_by_newton(A, d, lower, upper, row_id, S, I, mp, rounding_unit, warm):
     # where the objective no longer falls, columns were left out that are wanted
     while left > 0 and before - objective > NEAR_ZERO * abs(objective):
         before = objective
-        f, stopped, objective, left = descend(lower, upper, S, I, m, k, objective, left)
+        f, stopped, objective, left = newton_steps(lower, upper, S, I, m, k, objective, left)
         if stopped == 0 and wrong_signs(lower, upper, S, I, k) == 0:
             right, _ = refine(lower, upper, S, I, m, mp, k, f, True, rounding_unit)
             if right:
@@ -158,7 +158,7 @@ def choose_free(lower, upper, S, I, k, first):
 
 
 @stage
-def descend(lower, upper, S, I, m, k, objective, left):
+def newton_steps(lower, upper, S, I, m, k, objective, left):
     """Newton steps on F, `left` of them at most, until one is not stopped, or is worth bending.
 
     Returns |F|, how many rows were stopped in the last one, the objective, and how many are left.

@@ -346,35 +346,25 @@ def finish_sparse(order, row_id, lower, upper, S, I):
     I[COUNTS, OLD_K] = order.size
 
 
-@kernel
-def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kept, eps0, mode):
-    """Solve one QP with the step numbers of `method`; Bx, Lx, S and I are modified, nothing else.
+@stage
+def default_accuracy_sparse(pattern, Bx, S):
+    """1e-9 of the largest |b_cᵀ d|, ‖b_c‖ = 1."""
+    take_gradient_sparse(pattern, Bx, S, MOMENTUM)
+    eps0 = 0.0
+    for c in range(pattern.order.size):
+        eps0 = max(eps0, 1e-9 * abs(S[GRADIENT, c]))
+    return eps0
 
-    data : of A (m, k) by columns;  d (m,);  lower, upper, row_id (k,)
-    pattern, Bx, Lx, S, I : of a `SparseWorkspace`, with the memory of the previous solve
-    kept : whether Lx holds an earlier L of this pattern
-    eps0 : accuracy in ‖A δx‖ (3.13), negative for 1e-9 of the largest |b_jᵀ d|, ‖b_j‖ = 1
-    mode : bits of `loop`, and TODAYS_A; GRAM is for small QPs
-    """
-    pattern, Bx, Lx, S, I = lent(pattern), lent(Bx), lent(Lx), lent(S), lent(I)
-    m, k, order = d.size, pattern.order.size, pattern.order
-    for i in range(DIRECTIONS, FLOPS + 1):
-        I[COUNTS, i] = 0
-    warm = (mode & WARM) != 0
-    product = 2 * pattern.nonzeros
-    lay_out_sparse(pattern, data, d, lower, upper, Bx, S, m)
-    if warm:
-        map_rows(row_id, I, k)
-    if eps0 < 0:
-        take_gradient_sparse(pattern, Bx, S, MOMENTUM)
-        eps0 = 0.0
-        for c in range(k):
-            eps0 = max(eps0, 1e-9 * abs(S[GRADIENT, c]))
+
+@stage
+def begin_sparse(pattern, Bx, Lx, S, I, kept, mode):
+    """Step 1: z, F and its L, that of an earlier QP unless it is due to be renewed; returns |F|."""
+    k, warm = pattern.order.size, (mode & WARM) != 0
     w = 0.0
     # where columns depend on each other x is not unique, and its changes are no trend
     if warm and mode & EXTRAPOLATED and S[REALS, SHIFT] == 0.0:
         w = extrapolation(S[REALS])
-    f = start_sparse(order, S, I, warm, (mode & OWN_SET) != 0, w)  # 1.
+    f = start_sparse(pattern.order, S, I, warm, (mode & OWN_SET) != 0, w)
     I[COUNTS, AGE] += 1
     interval = I[COUNTS, INTERVAL] if mode & CUSTOM else 0
     due = I[COUNTS, DUE] != 0 if interval == 0 else I[COUNTS, AGE] >= interval
@@ -387,12 +377,134 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
     if not (warm and kept) or mode & (OWN_SET | TODAYS_QR) or due or another:
         factorize_sparse(pattern, Bx, Lx, S, I, f)
     I[COUNTS, DUE] = 0
+    return f
+
+
+@stage
+def slope_on_F(S, I, k):
+    """‖B_Fᵀ r‖."""
+    inside = I[IN_F]
+    slope = 0.0
+    for c in range(k):
+        if inside[c]:
+            slope += S[GRADIENT, c] ** 2
+    return sqrt(slope)
+
+
+@stage
+def unmark(I, k):
+    """Forget who entered F and who was thrown back."""
+    mark = I[MARK]
+    for c in range(k):
+        mark[c] = 0
+
+
+@stage
+def choose_F(pattern, Bx, Lx, S, I, m, f, aim, rounding, mode):
+    """Another F after many directions, by interior points or by a leap.
+
+    Returns |F|, rounding, and the number of directions after which to choose once more.
+    """
+    if mode & ONLINE:
+        f = approach(pattern, Bx, Lx, S, I, m, f)
+        patience = LATER * I[COUNTS, DIRECTIONS]
+        factorize_sparse(pattern, Bx, Lx, S, I, f)
+        _, rounding = take_residual_sparse(pattern, Bx, S, m)
+    else:
+        patience = LATER * (I[COUNTS, DIRECTIONS] + LEAPS)
+        f = leap(pattern, Bx, Lx, S, I, m, f, aim, rounding)
+    unmark(I, pattern.order.size)
+    return f, rounding, patience
+
+
+@stage
+def descend_sparse(pattern, Bx, Lx, S, I, m, f, aim, rounding, mode):
+    """Steps 3 to 6: a direction, and as much of it as is feasible, or all of it cut off.
+
+    Returns how many reached a bound, θ, whether A x moved, rounding, and the age of an L given up.
+    """
+    age = direction(pattern, Bx, Lx, S, I, m, f, 0.5 * aim, rounding, mode)  # 3.
+    theta = ratio_test_sparse(S, I, pattern.order.size)  # 4.
+    cut = theta < 1.0 and cut_off(pattern, Bx, S, I, m, theta)
+    reached = take_step_sparse(S, I, pattern.order.size, theta, cut)  # 5., 6.
+    change, rounding = take_residual_sparse(pattern, Bx, S, m)
+    moved = change > rounding
+    I[COUNTS, FLOPS] += 2 * pattern.nonzeros * (1 if theta == 1.0 else 2)
+    I[COUNTS, CHANGES] += reached
+    if moved:
+        unmark(I, pattern.order.size)
+    return reached, theta, moved, rounding, age
+
+
+@stage
+def most_wrong_sparse(S, I, k, slope):
+    """Step 8: ‖B_Fᵀ r‖ or the largest wrong sign, the largest of who may enter, and which."""
+    inside, mark = I[IN_F], I[MARK]
+    left, worst, entering = slope, 0.0, -1
+    for c in range(k):
+        if not inside[c]:
+            wrong = wrong_sign(S, c)
+            left = max(left, wrong)
+            if wrong > worst and not mark[c] & BOUNCED:
+                worst, entering = wrong, c
+    return left, worst, entering
+
+
+@stage
+def is_sound(pattern, Lx, S, I, left, eps0, rounding, mode):
+    """Step 9: whether what is left of the gradient on F is within what was asked."""
+    sound = left <= max(SHARE * eps0, 100 * rounding) and rounding < inf
+    unsure = left * S[REALS, INVERSE_NORM] > eps0 and S[REALS, SHIFT] == 0.0
+    if sound and unsure and not mode & NO_R:
+        sound = error_left(pattern, Lx, S, I) <= eps0
+        I[COUNTS, FLOPS] += 2 * pattern.entries
+    return sound
+
+
+@stage
+def enter_sparse(S, I, k, entering, least, one_by_one):
+    """Step 9: `entering` enters F, and unless it is to be alone all whose sign is as wrong as
+    `least`; returns how many."""
+    inside, mark = I[IN_F], I[MARK]
+    entered = 0
+    for c in range(k):
+        enters = c == entering
+        if not (enters or one_by_one or inside[c] or mark[c] & BOUNCED):
+            enters = wrong_sign(S, c) > least
+        if enters:
+            inside[c] = 1
+            mark[c] |= ENTERED
+            entered += 1
+    I[COUNTS, CHANGES] += entered
+    return entered
+
+
+@kernel
+def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kept, eps0, mode):
+    """Solve one QP with the step numbers of `method`; Bx, Lx, S and I are modified, nothing else.
+
+    data : of A (m, k) by columns;  d (m,);  lower, upper, row_id (k,)
+    pattern, Bx, Lx, S, I : of a `SparseWorkspace`, with the memory of the previous solve
+    kept : whether Lx holds an earlier L of this pattern
+    eps0 : accuracy in ‖A δx‖ (3.13), negative for 1e-9 of the largest |b_jᵀ d|, ‖b_j‖ = 1
+    mode : bits of `loop`, and TODAYS_A; GRAM is for small QPs
+    """
+    pattern, Bx, Lx, S, I = lent(pattern), lent(Bx), lent(Lx), lent(S), lent(I)
+    m, k = d.size, pattern.order.size
+    for i in range(DIRECTIONS, FLOPS + 1):
+        I[COUNTS, i] = 0
+    warm = (mode & WARM) != 0
+    lay_out_sparse(pattern, data, d, lower, upper, Bx, S, m)
+    if warm:
+        map_rows(row_id, I, k)
+    if eps0 < 0:
+        eps0 = default_accuracy_sparse(pattern, Bx, S)
+    f = begin_sparse(pattern, Bx, Lx, S, I, kept, mode)  # 1.
     _, rounding = take_residual_sparse(pattern, Bx, S, m)  # 2.
-    I[COUNTS, FLOPS] += product
+    I[COUNTS, FLOPS] += 2 * pattern.nonzeros
     passes = 50 + 20 * k
     if mode & CUSTOM and I[COUNTS, PASSES] >= 0:
         passes = I[COUNTS, PASSES]
-    inside, mark = I[IN_F], I[MARK]
     refining = inf  # ‖B_Fᵀ r‖ before a full step on the same F; inf where F has changed
     status = OUT_OF_PASSES
     one_by_one, given_up = False, 0
@@ -400,90 +512,45 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
 
     while True:
         take_gradient_sparse(pattern, Bx, S, RESIDUAL)  # 7., and the right-hand side of 3.
-        I[COUNTS, FLOPS] += product
-        slope = 0.0
-        for c in range(k):
-            if inside[c]:
-                slope += S[GRADIENT, c] ** 2
-        slope = sqrt(slope)
+        I[COUNTS, FLOPS] += 2 * pattern.nonzeros
+        slope = slope_on_F(S, I, k)
         aim = max(SHARE * eps0 / S[REALS, INVERSE_NORM], rounding)  # (3.20)
+        # a slope that refinement does not halve is rounding
         if slope > max(aim, rounding * sqrt(f)) and slope < 0.5 * refining:
             if passes <= 0:
                 break
             passes -= 1
-            unique = S[REALS, SHIFT] <= LEAST_SHIFT
-            if refining == inf and mode & ONLINE and I[COUNTS, DIRECTIONS] >= patience:
-                f = approach(pattern, Bx, Lx, S, I, m, f)
-                patience = LATER * I[COUNTS, DIRECTIONS]
-                factorize_sparse(pattern, Bx, Lx, S, I, f)
-                _, rounding = take_residual_sparse(pattern, Bx, S, m)
-                for c in range(k):
-                    mark[c] = 0
-                one_by_one = False
-                continue
-            if refining == inf and unique and I[COUNTS, DIRECTIONS] >= patience:
-                patience = LATER * (I[COUNTS, DIRECTIONS] + LEAPS)
-                f = leap(pattern, Bx, Lx, S, I, m, f, aim, rounding)
-                for c in range(k):
-                    mark[c] = 0
+            choosable = mode & ONLINE or S[REALS, SHIFT] <= LEAST_SHIFT
+            if refining == inf and choosable and I[COUNTS, DIRECTIONS] >= patience:
+                f, rounding, patience = choose_F(pattern, Bx, Lx, S, I, m, f, aim, rounding, mode)
                 one_by_one = False
                 continue
             if refining == inf:
                 I[COUNTS, DIRECTIONS] += 1
-            age = direction(pattern, Bx, Lx, S, I, m, f, 0.5 * aim, rounding, mode)  # 3.
+            reached, theta, moved, rounding, age = descend_sparse(
+                pattern, Bx, Lx, S, I, m, f, aim, rounding, mode
+            )
             given_up = max(given_up, age)
-            theta = ratio_test_sparse(S, I, k)  # 4.
-            cut = theta < 1.0 and cut_off(pattern, Bx, S, I, m, theta)
-            reached = take_step_sparse(S, I, k, theta, cut)  # 5., 6.
-            moved, rounding = take_residual_sparse(pattern, Bx, S, m)
-            I[COUNTS, FLOPS] += product if theta == 1.0 else 2 * product
-            refining = slope if theta == 1.0 else inf
-            if moved > rounding:
-                one_by_one = False
-                for c in range(k):
-                    mark[c] = 0
-            elif reached > 0:
-                one_by_one = True
-            if reached > 0:
-                I[COUNTS, CHANGES] += reached
-                f -= reached
-                refining = inf
+            f -= reached
+            one_by_one = not moved and (reached > 0 or one_by_one)
+            refining = slope if theta == 1.0 and reached == 0 else inf
             continue
-        left, worst, entering = slope, 0.0, -1  # 8.
-        for c in range(k):
-            if not inside[c]:
-                wrong = wrong_sign(S, c)
-                left = max(left, wrong)
-                if wrong > worst and not mark[c] & BOUNCED:
-                    worst, entering = wrong, c
+        left, worst, entering = most_wrong_sparse(S, I, k, slope)  # 8.
         if worst <= aim:  # 9.
             S[REALS, WRONG] = left
-            sound = left <= max(SHARE * eps0, 100 * rounding) and rounding < inf
-            unsure = left * S[REALS, INVERSE_NORM] > eps0 and S[REALS, SHIFT] == 0.0
-            if sound and unsure and not mode & NO_R:
-                sound = error_left(pattern, Lx, S, I) <= eps0
-                I[COUNTS, FLOPS] += 2 * pattern.entries
+            sound = is_sound(pattern, Lx, S, I, left, eps0, rounding, mode)
             if sound or has_todays_L(I, k):
                 status = SOLVED if sound else INACCURATE
                 break
             factorize_sparse(pattern, Bx, Lx, S, I, f)
             refining = inf
-            for c in range(k):
-                mark[c] = 0
+            unmark(I, k)
             continue
         if passes <= 0:
             break
         passes -= 1
         refining = inf
-        for c in range(k):
-            enters = c == entering
-            if not (enters or one_by_one or inside[c] or mark[c] & BOUNCED):
-                enters = wrong_sign(S, c) > max(aim, TENTH * worst)
-            if enters:
-                inside[c] = 1
-                mark[c] |= ENTERED
-                f += 1
-                I[COUNTS, CHANGES] += 1
+        f += enter_sparse(S, I, k, entering, max(aim, TENTH * worst), one_by_one)
 
     I[COUNTS, STATUS] = status
     if mode & ONLINE and I[COUNTS, DUE] == 0:
@@ -492,4 +559,4 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
         keep_account(I[COUNTS], S[REALS], factorized, given_up, cost, I[COUNTS, DIRECTIONS])
     if mode & EXTRAPOLATED:
         remember_before(S, BEFORE, X, P, S[REALS], I[PREVIOUS], k, warm)
-    finish_sparse(order, row_id, lower, upper, S, I)
+    finish_sparse(pattern.order, row_id, lower, upper, S, I)
