@@ -559,6 +559,13 @@ def reset(I, mode):
 
 
 @stage
+def unmark(I, k):
+    """Forget who entered F, and who was thrown back or barred."""
+    for j in range(k):
+        I[MARK, j] = 0
+
+
+@stage
 def knows_set(I, m):
     """Whether the rows remembered as free can be an F, whose columns are independent."""
     free = 0
@@ -568,9 +575,8 @@ def knows_set(I, m):
 
 
 @stage
-def default_accuracy(S, mp, k):
-    """1e-9 of the largest |b_jᵀ d|, ‖b_j‖ = 1."""
-    take_gradient(S, mp, k, MOMENTUM)
+def default_accuracy(S, k):
+    """1e-9 of the largest |b_jᵀ d|, ‖b_j‖ = 1, which row GRADIENT holds."""
     eps0 = 0.0
     for j in range(k):
         eps0 = max(eps0, 1e-9 * abs(S[GRADIENT, j]))
@@ -632,8 +638,7 @@ def descend(S, I, m, mp, k, f, fresh, aim, mode):
     moved, rounding = take_residual(S, mp, k)
     I[COUNTS, FLOPS] += product_flops(m, k)
     if moved > rounding:
-        for j in range(k):
-            I[MARK, j] = 0
+        unmark(I, k)
     if reached > 0:  # 6.
         f = drop_reached(S, I, m, mp, f, fresh, (mode & SCRATCH) != 0)
         for j in range(k):
@@ -720,7 +725,8 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
         warm = warm or reached
     lay_out(A, d, lower, upper, S, mp)
     if eps0 < 0:
-        eps0 = default_accuracy(S, mp, k)
+        take_gradient(S, mp, k, MOMENTUM)
+        eps0 = default_accuracy(S, k)
     w = extrapolation(S[REALS]) if warm and mode & EXTRAPOLATED else 0.0
     f, age = begin(S, I, m, mp, k, mode, warm, w)  # 1.
     _, rounding = take_residual(S, mp, k)  # 2.
@@ -763,8 +769,7 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
             if not fresh:
                 f, fresh = factorize(S, I, m, mp, f, 0), True
             refining, demanded = inf, f > 0
-            for j in range(k):
-                I[MARK, j] = 0
+            unmark(I, k)
             continue
         if passes <= 0:
             break

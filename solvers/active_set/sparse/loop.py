@@ -40,10 +40,12 @@ from solvers.active_set.loop import (
     OWN_SET,
     SCRATCH,
     TODAYS_QR,
+    default_accuracy,
     extrapolated,
     extrapolation,
     map_rows,
     remember_before,
+    unmark,
     wrong_sign,
 )
 from solvers.active_set.online_rule import forget, keep_account
@@ -347,16 +349,6 @@ def finish_sparse(order, row_id, lower, upper, S, I):
 
 
 @stage
-def default_accuracy_sparse(pattern, Bx, S):
-    """1e-9 of the largest |b_cᵀ d|, ‖b_c‖ = 1."""
-    take_gradient_sparse(pattern, Bx, S, MOMENTUM)
-    eps0 = 0.0
-    for c in range(pattern.order.size):
-        eps0 = max(eps0, 1e-9 * abs(S[GRADIENT, c]))
-    return eps0
-
-
-@stage
 def begin_sparse(pattern, Bx, Lx, S, I, kept, mode):
     """Step 1: z, F and its L, that of an earlier QP unless it is due to be renewed; returns |F|."""
     k, warm = pattern.order.size, (mode & WARM) != 0
@@ -389,14 +381,6 @@ def slope_on_F(S, I, k):
         if inside[c]:
             slope += S[GRADIENT, c] ** 2
     return sqrt(slope)
-
-
-@stage
-def unmark(I, k):
-    """Forget who entered F and who was thrown back."""
-    mark = I[MARK]
-    for c in range(k):
-        mark[c] = 0
 
 
 @stage
@@ -498,7 +482,8 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
     if warm:
         map_rows(row_id, I, k)
     if eps0 < 0:
-        eps0 = default_accuracy_sparse(pattern, Bx, S)
+        take_gradient_sparse(pattern, Bx, S, MOMENTUM)
+        eps0 = default_accuracy(S, k)
     f = begin_sparse(pattern, Bx, Lx, S, I, kept, mode)  # 1.
     _, rounding = take_residual_sparse(pattern, Bx, S, m)  # 2.
     I[COUNTS, FLOPS] += 2 * pattern.nonzeros
