@@ -76,7 +76,9 @@ def test_they_are_with_other_options(name, parameters, until, options):
     passes = 2 if options.get("impulses") == "newton_coulomb" else 0
     posed = pytest.approx(kept.counts["qps"], abs=passes * kept.counts["impulses"])
     assert left.counts == kept.counts | {"qps": posed}
-    np.testing.assert_allclose(left.q, kept.q, rtol=0, atol=SAME)
+    # passes of a collision end where q̇₊ changes by less than this: each run somewhere within it
+    settled = newton_coulomb.SETTLED_BY * max(1.0, np.abs(kept.v).max()) if passes else 0.0
+    np.testing.assert_allclose(left.q, kept.q, rtol=0, atol=SAME + settled)
 
 
 @pytest.mark.parametrize("name", ["fig3", "fig4", "fig5"])
