@@ -9,8 +9,8 @@ up now and then and answers worse); `tol_gap_rel` is 0, but for large QPs (`Pose
 as √gap, so 3e-7.  Forces are scaled to be 1 to 2: greater ones make Clarabel 0.11 creep along a
 bound of 1 of 300 of fig4's QPs for 200 iterations, x of size 30 and A well-conditioned.  Where
 x ≥ 0 is all that is asked they are scaled to be 8 to 16: of towers, walls and pyramids of 2 to 225
-bodies it then takes 12 or 13 iterations, where it takes 14 or 15 at 1 to 2; beyond 16 it is lost
-now and then where P is singular.
+bodies it then takes 12 or 13 iterations, where it takes 14 or 15 at 1 to 2.  Not so in normal form
+where P is singular, and not beyond 16: there it is lost now and then.
 In a sequence the data are updated in place where the pattern is the same, which spares the symbolic
 factorization; no x is carried over.
 """

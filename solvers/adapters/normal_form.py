@@ -85,22 +85,18 @@ def is_one_sided(lower, upper):
 def is_definite(P, least):
     """Whether P has a Cholesky factor with all pivots beyond `least` times the greatest."""
     n = P.shape[0]
-    L, inverse = np.empty((n, n)), np.empty(n)
-    smallest, greatest = np.inf, 0.0
-    for i in range(n):
-        square = P[i, i]
-        for j in range(i):
-            rest = P[i, j]
-            for c in range(j):
-                rest -= L[i, c] * L[j, c]
-            L[i, j] = rest * inverse[j]
-            square -= L[i, j] * L[i, j]
-        if not square > 0.0:
+    left, smallest, greatest = P.copy(), np.inf, 0.0
+    for j in range(n):
+        pivot = left[j, j]
+        if not pivot > 0.0:
             return False
-        pivot = np.sqrt(square)
-        inverse[i] = 1.0 / pivot
         smallest, greatest = min(smallest, pivot), max(greatest, pivot)
-    return smallest > least * greatest
+        for i in range(j + 1, n):
+            part = left[j, i] / pivot
+            if part != 0.0:  # contacts that share no body
+                for c in range(i, n):
+                    left[i, c] -= part * left[j, c]
+    return np.sqrt(smallest) > least * np.sqrt(greatest)
 
 
 @kernel

@@ -265,15 +265,16 @@ def pose(
     """The QP as it is, or without its fixed rows and in units of its own (steps 1 to 3 above).
 
     dense : whether a sparse A is made a dense one;  forces : sizes that are left as they are; if 1
-        is none of them, others are scaled to the least;  one_sided_forces : the same where k ≤ m
-        and x ≥ 0 is all that is asked, if they are others
+        is none of them, others are scaled to the least;  one_sided_forces : the same where x ≥ 0 is
+        all that is asked, and A is sparse or k ≤ m, if they are others
     """
     A: Any = qp.dense_A if dense else qp.A
     P = A.T @ A if type(A) is np.ndarray else None
     sizes = sparse_sizes(qp, A) if P is None else dense_sizes(qp, A, P)
     q, force, away, shortest, longest, fixed, one_sided = sizes
     usual = shortest >= LONG**-2 and longest <= LONG**2
-    alone = one_sided and qp.k <= qp.m  # dependent columns let x run off along their null space
+    # P of dependent columns lets x run off along its null space
+    alone = one_sided and (P is None or qp.k <= qp.m)
     least, most = one_sided_forces if alone and one_sided_forces else forces
     size = max(1.0, least)
     if fixed or not usual:
