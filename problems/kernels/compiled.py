@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
+import numpy as np
 
 from problems.kernels.numba_internals import LOST
 from problems.kernels.sources import defining, sources
@@ -111,3 +112,13 @@ SOURCES = sources(defining(Path(__file__).parents[1], "\n@kernel\n"), ["problems
 kernel = kernel_decorator(SOURCES)
 stage = kernel_decorator(SOURCES, inline="always")
 """A kernel that is a part of one other: its arguments, arrays by the dozen, are not copied."""
+
+
+@stage
+def places(first, past):
+    """range(first, past) to index with, where neither is negative.
+
+    An index that might be negative counts from the end.  Where numba must look at each, nothing
+    becomes vector instructions; of a range from 0 it knows.
+    """
+    return range(np.uint64(first), np.uint64(past))

@@ -63,7 +63,7 @@ def solve_by_newton(A, d, lower, upper, row_id, S, I, mp, rounding_unit, warm):
     m, k = A.shape
     counts = I[COUNTS]
     take_columns(A, d, S, mp)
-    take_gram(S, mp, k)
+    take_gram(A, S, I, mp, k)
     take_slopes(S, mp, k)
     counts[FLOPS] += m * k * k
     objective = place(lower, upper, S, I, k, warm)
@@ -75,7 +75,7 @@ def solve_by_newton(A, d, lower, upper, row_id, S, I, mp, rounding_unit, warm):
         before = objective
         f, stopped, objective, left = newton_steps(lower, upper, S, I, m, k, objective, left)
         if stopped == 0 and wrong_signs(lower, upper, S, I, k) == 0:
-            right, _ = refine(lower, upper, S, I, m, mp, k, f, True, rounding_unit)
+            right, _ = refine(A, lower, upper, S, I, m, mp, k, f, True, rounding_unit)
             if right:
                 leave(row_id, lower, upper, S, I, k)
                 return True, True
@@ -199,7 +199,7 @@ def newton_point(S, I, k, f):
             h = S[H0 + j]
             for c in range(f):
                 p[c] -= value * h[free[c]]
-    solve_gram(S, f)
+    solve_gram(S, I, f)
 
 
 @stage

@@ -79,7 +79,7 @@ def solve_settled(A, d, lower, upper, row_id, S, I, rounding_unit):
         return False
     mp = (m + LANES - 1) // LANES * LANES
     take_columns(A, d, S, mp)
-    right, tried = refine(lower, upper, S, I, m, mp, k, f, False, rounding_unit)
+    right, tried = refine(A, lower, upper, S, I, m, mp, k, f, False, rounding_unit)
     if not right:
         return False
     for i in range(DIRECTIONS, FLOPS + 1):
@@ -94,7 +94,7 @@ def solve_settled(A, d, lower, upper, row_id, S, I, rounding_unit):
 
 
 @stage
-def refine(lower, upper, S, I, m, mp, k, f, factorized, rounding_unit):
+def refine(A, lower, upper, S, I, m, mp, k, f, factorized, rounding_unit):
     """Newton's method on F with r from A itself; x of the other rows stays.
 
     factorized : whether L D Lᵀ of H_FF is there
@@ -132,12 +132,12 @@ def refine(lower, upper, S, I, m, mp, k, f, factorized, rounding_unit):
         tried += 1
         if not factorized:
             factorized = True
-            take_gram_of_free(S, I, mp, f)
+            take_gram_of_free(A, S, I, mp, f)
             if factorize_gram(S, I, m, k) < f:
                 return False, tried
         for c in range(f):
             p[c] = -g[c]
-        solve_gram(S, f)
+        solve_gram(S, I, f)
         for c in range(f):
             j = free[c]
             x[j] += p[c]
