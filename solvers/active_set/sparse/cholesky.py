@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from math import sqrt
 
+from problems.kernels.compiled import places
 from solvers.active_set.compiled import kernel
 from solvers.active_set.sparse.pattern import SLOTS
 from solvers.active_set.sparse.workspace import CHANGED, IN_L, PLACE, SPREAD, WEIGHT, WORK
@@ -62,18 +63,16 @@ def clear(Bi, c, x):
 
 
 @kernel
-def add_four(Lx, one, size, row, end, target, begin, sign):
-    """target[begin + i] += sign · Σ L_row L_i over four columns of L, i = row … end − 1.
+def add_four(columns, size, row, end, target, sign):
+    """target_i += sign · Σ L_row L_i over four columns of L, i = row … end − 1.
 
-    one : where the first of them begins;  size : of each
+    columns : they begin with the first of them;  size : of each
     """
-    two, three, four = one + size, one + 2 * size, one + 3 * size
-    x1, x2 = sign * Lx[one + row], sign * Lx[two + row]
-    x3, x4 = sign * Lx[three + row], sign * Lx[four + row]
-    for i in range(row, end):
-        target[begin + i] += (x1 * Lx[one + i] + x2 * Lx[two + i]) + (
-            x3 * Lx[three + i] + x4 * Lx[four + i]
-        )
+    one, two = columns[:size], columns[size : 2 * size]
+    three, four = columns[2 * size : 3 * size], columns[3 * size : 4 * size]
+    x1, x2, x3, x4 = sign * one[row], sign * two[row], sign * three[row], sign * four[row]
+    for i in places(row, end):
+        target[i] += (x1 * one[i] + x2 * two[i]) + (x3 * three[i] + x4 * four[i])
 
 
 @kernel
@@ -91,8 +90,9 @@ def cholesky(pattern, Bx, S, I, Lx, shift):
     for s in range(first.size - 1):
         c0, width, height = first[s], first[s + 1] - first[s], Rp[s + 1] - Rp[s]
         begin, rows = Lp[s], Rp[s]
-        for l in range(begin, Lp[s + 1]):
-            Lx[l] = 0.0
+        block = Lx[begin : Lp[s + 1]]
+        for l in range(block.size):
+            block[l] = 0.0
         for c in range(c0, c0 + width):
             if inside[c]:
                 diagonal = begin + (c - c0) * (height + 1)
@@ -107,53 +107,52 @@ def cholesky(pattern, Bx, S, I, Lx, shift):
                 place[Ri[rows + i]] = i
         for u in range(Up[s], Up[s + 1]):
             t = Ut[u]
-            size, row, at = Rp[t + 1] - Rp[t], Rp[t], Lp[t]
             columns, end = first[t + 1] - first[t], Rp[t + 1] - Rp[t]
+            their_rows, L = Ri[Rp[t] : Rp[t + 1]], Lx[Lp[t] : Lp[t + 1]]
             for a in range(Ua[u], Ub[u]):
-                c = Ri[row + a]
+                c = their_rows[a]
                 if not inside[c]:
                     continue
-                target = begin + (c - c0) * height
-                if columns < 4:
-                    for i in range(a, end):
-                        value = 0.0
-                        for q in range(columns):
-                            value += Lx[at + q * size + a] * Lx[at + q * size + i]
-                        Lx[target + place[Ri[row + i]]] -= value
-                else:
-                    for i in range(a, end):
-                        work[i] = 0.0
-                    for q in range(0, columns - 3, 4):
-                        add_four(Lx, at + q * size, size, a, end, work, 0, 1.0)
-                    for q in range(columns // 4 * 4, columns):
-                        x = Lx[at + q * size + a]
-                        for i in range(a, end):
-                            work[i] += x * Lx[at + q * size + i]
-                    for i in range(a, end):
-                        Lx[target + place[Ri[row + i]]] -= work[i]
+                target = block[(c - c0) * height : (c - c0 + 1) * height]
+                if columns == 1:
+                    for i in places(a, end):
+                        target[place[their_rows[i]]] -= L[a] * L[i]
+                    flops += 2 * (end - a)
+                    continue
+                for i in places(a, end):
+                    work[i] = 0.0
+                for q in range(0, columns - 3, 4):
+                    add_four(L[q * end :], end, a, end, work, 1.0)
+                for q in range(columns // 4 * 4, columns):
+                    column = L[q * end : (q + 1) * end]
+                    for i in places(a, end):
+                        work[i] += column[a] * column[i]
+                for i in places(a, end):
+                    target[place[their_rows[i]]] -= work[i]
                 flops += 2 * columns * (end - a)
         for q in range(width):
-            at = begin + q * height
+            column = block[q * height : (q + 1) * height]
             if q % 4 == 0 and q > 0:
                 for j in range(q, width):
-                    add_four(Lx, at - 4 * height, height, j, height, Lx, begin + j * height, -1.0)
+                    target = block[j * height : (j + 1) * height]
+                    add_four(block[(q - 4) * height :], height, j, height, target, -1.0)
             if not inside[c0 + q]:
-                for i in range(q + 1, height):
-                    Lx[at + i] = 0.0
-                Lx[at + q] = 1.0
+                for i in places(q + 1, height):
+                    column[i] = 0.0
+                column[q] = 1.0
                 continue
-            pivot = Lx[at + q]
+            pivot = column[q]
             if pivot <= DEPENDENT:
                 return -1 - flops
             inverse = 1.0 / sqrt(pivot)
-            for i in range(q + 1, height):
-                Lx[at + i] *= inverse
-            Lx[at + q] = inverse
+            for i in places(q + 1, height):
+                column[i] *= inverse
+            column[q] = inverse
             panel = min(width, q // 4 * 4 + 4)
             for j in range(q + 1, panel):
-                target, x = begin + j * height, Lx[at + j]
-                for i in range(j, height):
-                    Lx[target + i] -= x * Lx[at + i]
+                target, x = block[j * height : (j + 1) * height], column[j]
+                for i in places(j, height):
+                    target[i] -= x * column[i]
             flops += height - q + (width - q - 1) * (2 * height - width - q)
     return flops
 
@@ -163,27 +162,28 @@ def solve_L(pattern, Lx, x):
     """x := L⁻¹ x."""
     first, Rp, Ri, Lp = pattern.first, pattern.Rp, pattern.Ri, pattern.Lp
     for s in range(first.size - 1):
-        c0, width, height = first[s], first[s + 1] - first[s], Rp[s + 1] - Rp[s]
-        at, rows = Lp[s], Rp[s]
+        width, height = first[s + 1] - first[s], Rp[s + 1] - Rp[s]
+        block, rows = Lx[Lp[s] : Lp[s + 1]], Ri[Rp[s] : Rp[s + 1]]
+        own = x[first[s] : first[s + 1]]
         for q in range(width):
-            value = x[c0 + q] * Lx[at + q * (height + 1)]
-            x[c0 + q] = value
-            for i in range(q + 1, width):
-                x[c0 + i] -= value * Lx[at + q * height + i]
+            column = block[q * height : (q + 1) * height]
+            value = own[q] * column[q]
+            own[q] = value
+            for i in places(q + 1, width):
+                own[i] -= value * column[i]
         q = 0
         while q + 3 < width:
-            one, two = at + q * height, at + (q + 1) * height
-            three, four = two + height, two + 2 * height
-            x1, x2, x3, x4 = x[c0 + q], x[c0 + q + 1], x[c0 + q + 2], x[c0 + q + 3]
-            for i in range(width, height):
-                x[Ri[rows + i]] -= (x1 * Lx[one + i] + x2 * Lx[two + i]) + (
-                    x3 * Lx[three + i] + x4 * Lx[four + i]
-                )
+            columns = block[q * height : (q + 4) * height]
+            one, two = columns[:height], columns[height : 2 * height]
+            three, four = columns[2 * height : 3 * height], columns[3 * height :]
+            x1, x2, x3, x4 = own[q], own[q + 1], own[q + 2], own[q + 3]
+            for i in places(width, height):
+                x[rows[i]] -= (x1 * one[i] + x2 * two[i]) + (x3 * three[i] + x4 * four[i])
             q += 4
         while q < width:
-            one, x1 = at + q * height, x[c0 + q]
-            for i in range(width, height):
-                x[Ri[rows + i]] -= x1 * Lx[one + i]
+            column = block[q * height : (q + 1) * height]
+            for i in places(width, height):
+                x[rows[i]] -= own[q] * column[i]
             q += 1
 
 
@@ -192,35 +192,38 @@ def solve_LT(pattern, Lx, x):
     """x := L⁻ᵀ x."""
     first, Rp, Ri, Lp = pattern.first, pattern.Rp, pattern.Ri, pattern.Lp
     for s in range(first.size - 2, -1, -1):
-        c0, width, height = first[s], first[s + 1] - first[s], Rp[s + 1] - Rp[s]
-        at, rows = Lp[s], Rp[s]
+        width, height = first[s + 1] - first[s], Rp[s + 1] - Rp[s]
+        block, rows = Lx[Lp[s] : Lp[s + 1]], Ri[Rp[s] : Rp[s + 1]]
+        own = x[first[s] : first[s + 1]]
         q = 0
         while q + 3 < width:
-            one, two = at + q * height, at + (q + 1) * height
-            three, four = two + height, two + 2 * height
+            columns = block[q * height : (q + 4) * height]
+            one, two = columns[:height], columns[height : 2 * height]
+            three, four = columns[2 * height : 3 * height], columns[3 * height :]
             x1 = x2 = x3 = x4 = 0.0
-            for i in range(width, height):
-                value = x[Ri[rows + i]]
-                x1 += value * Lx[one + i]
-                x2 += value * Lx[two + i]
-                x3 += value * Lx[three + i]
-                x4 += value * Lx[four + i]
-            x[c0 + q] -= x1
-            x[c0 + q + 1] -= x2
-            x[c0 + q + 2] -= x3
-            x[c0 + q + 3] -= x4
+            for i in places(width, height):
+                value = x[rows[i]]
+                x1 += value * one[i]
+                x2 += value * two[i]
+                x3 += value * three[i]
+                x4 += value * four[i]
+            own[q] -= x1
+            own[q + 1] -= x2
+            own[q + 2] -= x3
+            own[q + 3] -= x4
             q += 4
         while q < width:
-            one, x1 = at + q * height, 0.0
-            for i in range(width, height):
-                x1 += x[Ri[rows + i]] * Lx[one + i]
-            x[c0 + q] -= x1
+            column, product = block[q * height : (q + 1) * height], 0.0
+            for i in places(width, height):
+                product += x[rows[i]] * column[i]
+            own[q] -= product
             q += 1
         for q in range(width - 1, -1, -1):
-            value = x[c0 + q]
-            for i in range(q + 1, width):
-                value -= Lx[at + q * height + i] * x[c0 + i]
-            x[c0 + q] = value * Lx[at + q * (height + 1)]
+            column = block[q * height : (q + 1) * height]
+            value = own[q]
+            for i in places(q + 1, width):
+                value -= column[i] * own[i]
+            own[q] = value * column[q]
 
 
 @kernel

@@ -28,6 +28,8 @@ from problems.qp import Indices
 from solvers.active_set.compiled import kernel
 
 Places = NDArray[np.int32]
+Rows = NDArray[np.uint32]
+"""What kernels index with: numba looks at every index that might be negative."""
 
 SLOTS = 8
 """Entries that a column has room for, or a multiple: in the plane three for each of two bodies, and
@@ -61,14 +63,14 @@ class Pattern(NamedTuple):
     indptr: Places
     indices: Places
     order: Indices
-    Bi: Places
+    Bi: Rows
     Gp: Places
     Gi: Places
     Gx: Indices
     first: Places
     front: Places
     Rp: Indices
-    Ri: Places
+    Ri: Rows
     Lp: Indices
     Up: Indices
     Ut: Places
@@ -218,14 +220,14 @@ def neighbours(m, columns, indptr, indices, past):
     return Gp, Gi
 
 
-def padded_rows(m: int, order: Indices, indptr: Places, indices: Places) -> Places:
+def padded_rows(m: int, order: Indices, indptr: Places, indices: Places) -> Rows:
     """Rows of the columns of B, (k, width)."""
     entries = np.diff(indptr)
     slot = np.arange(SLOTS * max(1, -(-int(entries.max(initial=0)) // SLOTS)))
     there = slot < entries[order][:, None]
     source = np.where(there, indptr[:-1][order][:, None] + slot, 0)
     found = np.append(indices, np.int32(m))
-    return np.ascontiguousarray(np.where(there, found[source], m), dtype=np.int32)
+    return np.ascontiguousarray(np.where(there, found[source], m), dtype=np.uint32)
 
 
 @kernel
@@ -328,7 +330,7 @@ def rows_of_fronts(first, Lp, Li):
     for s in range(count):
         last = first[s + 1] - 1
         Rp[s + 1] = Rp[s] + (last - first[s]) + Lp[last + 1] - Lp[last]
-    Ri = np.empty(Rp[count], np.int32)
+    Ri = np.empty(Rp[count], np.uint32)
     for s in range(count):
         last = first[s + 1] - 1
         at = Rp[s]
