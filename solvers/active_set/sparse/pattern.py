@@ -3,12 +3,10 @@
 Each column of A touches two bodies, so that A_FᵀA_F couples contacts that share a body, and with a
 fill-reducing order of the contacts its Cholesky factor L, which is Rᵀ of A_F = Q R, is sparse too.
 
-    1. contacts between the same two bodies have the same neighbours and stay together, whatever
-       rows each has to itself, as of a ridge;
-    2. these groups are put in order by minimum degree on the contact graph (SuperLU's);
-    3. the pattern of L follows from walks up the elimination tree (Liu 1986), which is then put in
+    1. the contacts are put in order by minimum degree (`order`);
+    2. walks up the elimination tree give the rows of L (Liu 1986), once the tree has been put in
        postorder (George and Liu 1981);
-    4. columns that follow each other with the same rows, or nearly so, become a front: a dense
+    3. columns that follow each other with the same rows, or nearly so, become a front: a dense
        block of L (Ashcraft and Grimes 1989).
 
 All columns are in the pattern, whether free or not, so that it serves as long as the same contacts
@@ -22,10 +20,16 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.sparse.linalg import splu
 
 from problems.qp import Indices
 from solvers.active_set.compiled import kernel
+from solvers.active_set.sparse.order import (
+    cliques,
+    coupled,
+    eliminated,
+    node_of_columns,
+    transposed,
+)
 
 Places = NDArray[np.int32]
 Rows = NDArray[np.uint32]
@@ -106,117 +110,70 @@ def make_pattern(A: sp.csc_array) -> Pattern:
     """Order the columns of A (m, k) and find the pattern of L."""
     m = A.shape[0]
     indptr, indices = np.array(A.indptr, dtype=np.int32), np.array(A.indices, dtype=np.int32)
-    order = contact_order(m, indptr, indices)
-    Lp, Li = fill(*neighbours(m, order, indptr, indices, True))
-    order = order[postorder(Lp, Li)]
-    Gp, Gi = neighbours(m, order, indptr, indices, True)
-    Lp, Li = fill(Gp, Gi)
-    first = fronts(Lp, Li, FEW_ZEROS)
-    Rp, Ri = rows_of_fronts(first, Lp, Li)
-    width, height = np.diff(first).astype(np.int64), np.diff(Rp)
-    front = np.repeat(np.arange(width.size, dtype=np.int32), width)
-    blocks = np.concatenate([[0], np.cumsum(width * height)])
+    order, (Gp, Gi), (first, front, Rp, Ri, Lp) = analyse(m, indptr, indices)
     Up, Ut, Ua, Ub = updates(first, front, Rp, Ri)
+    change, entries = change_flops(first, front, Rp, Ri, Up, Ut)
     return Pattern(
         *(m, indptr, indices, order, padded_rows(m, order, indptr, indices)),
-        *(Gp, Gi, places_in_L(Gp, Gi, first, front, Rp, Ri, blocks)),
-        *(first, front, Rp, Ri, blocks, Up, Ut, Ua, Ub),
-        change_flops(first, front, Rp, Ri, Up, Ut),
-        int(indices.size),
-        int((width * height - width * (width - 1) // 2).sum()),
+        *(Gp, Gi, places_in_L(Gp, Gi, first, front, Rp, Ri, Lp)),
+        *(first, front, Rp, Ri, Lp, Up, Ut, Ua, Ub, change, int(indices.size), entries),
     )
 
 
-def contact_order(m: int, indptr: Places, indices: Places) -> Indices:
-    """Fill-reducing order of the columns of A: (k,) the column at each place.
+@kernel
+def analyse(m, indptr, indices):
+    """order; Gp, Gi; first, front, Rp, Ri, Lp of the `Pattern` of A.
 
-    Minimum degree on the graph whose nodes are the groups of columns that share the same rows.
+    Columns of the same node (`order`) have the same rows in L, so that all of this is done for the
+    nodes, and spread out at the end.
     """
-    k = indptr.size - 1
-    if k == 0:
-        return np.zeros(0, dtype=np.int64)
-    group_names = labels(m, indptr, indices)
-    _, first, group = np.unique(group_names, return_index=True, return_inverse=True)
-    Gp, Gi = neighbours(m, first, indptr, indices, False)
-    degree = np.diff(Gp)
-    itself = Gi == np.repeat(np.arange(first.size, dtype=np.int32), degree)
-    # dominant, so that no pivot is moved
-    values = np.where(itself, 2.0 * degree.max(), 1.0)
-    graph = sp.csc_array((values, Gi, Gp), shape=(first.size, first.size))
-    place = splu(
-        graph, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-    ).perm_c
-    return np.argsort(place[group.ravel()], kind="stable")
+    node, count = node_of_columns(m, indptr, indices)
+    weight = np.zeros(count, np.int64)
+    for v in node:
+        weight[v] += 1
+    Ep, Ei = cliques(m, indptr, indices, node, count)
+    nodes = eliminated(Ep, Ei, weight)
+    nodes = nodes[postorder(*tree(*coupled(Ep, Ei, nodes), weight[nodes]))]
+    begin, before = coupled(Ep, Ei, nodes)
+    Lp, Li = fill(begin, before)
+    start = np.zeros(count + 1, np.int64)
+    for v in range(count):
+        start[v + 1] = start[v] + weight[nodes[v]]
+    order, at = np.empty(node.size, np.int64), np.empty(count, np.int64)
+    for v in range(count):
+        at[nodes[v]] = start[v]
+    for c in range(node.size):
+        order[at[node[c]]] = c
+        at[node[c]] += 1
+    return order, spread_out(begin, before, start), fronts(Lp, Li, start)
 
 
 @kernel
-def labels(m, indptr, indices):
-    """(k,) a number for each column, the same where two share the same of the m rows with others.
-
-    The sum of random numbers, one for each row (the finalizer of splitmix64: Steele, Lea and Flood
-    2014).
+def spread_out(begin, before, start):
+    """Gp (k + 1,), Gi: the columns past each that it is coupled to, rising, of neighbours before
+    each node; node v has the columns start[v] … start[v + 1] − 1.
     """
-    sharing = np.zeros(m, np.int32)
-    for l in range(indptr[indptr.size - 1]):
-        sharing[indices[l]] += 1
-    found = np.zeros(indptr.size - 1, np.uint64)
-    for c in range(found.size):
-        for l in range(indptr[c], indptr[c + 1]):
-            if sharing[indices[l]] == 1:
-                continue
-            z = np.uint64(indices[l] + 1) * np.uint64(0x9E3779B97F4A7C15)
-            z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-            z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-            found[c] += z ^ (z >> np.uint64(31))
-    return found
-
-
-@kernel
-def columns_of_rows(m, columns, indptr, indices):
-    """begin (m + 1,), found: of the listed columns, which have each row, by their place, rising."""
-    begin = np.zeros(m + 1, np.int32)
-    for c in columns:
-        for l in range(indptr[c], indptr[c + 1]):
-            begin[indices[l] + 1] += 1
-    for i in range(m):
-        begin[i + 1] += begin[i]
-    found, at = np.empty(begin[m], np.int32), begin[:-1].copy()
-    for place in range(columns.size):
-        for l in range(indptr[columns[place]], indptr[columns[place] + 1]):
-            found[at[indices[l]]] = place
-            at[indices[l]] += 1
-    return begin, found
-
-
-@kernel
-def neighbours(m, columns, indptr, indices, past):
-    """Gp (p + 1,), Gi: of p columns of A, numbered as listed, those that share a row with each.
-
-    They rise.  past : only those past it, else all and the column itself
-    """
-    p = columns.size
-    begin, having = columns_of_rows(m, columns, indptr, indices)
-    Gp, Gi = np.zeros(p + 1, np.int32), np.empty(0, np.int32)
-    seen, at = np.empty(p, np.int32), np.zeros(p, np.int32)
-    for counted in (False, True):
-        if counted:
-            Gp[1:] = np.cumsum(at)
-            at[:], Gi = Gp[:-1], np.empty(Gp[p], np.int32)
-        seen[:] = -1
-        for place in range(p):  # joins the lists of the others, so that these rise
-            if not past:
-                seen[place] = place
-                if counted:
-                    Gi[at[place]] = place
-                at[place] += 1
-            for l in range(indptr[columns[place]], indptr[columns[place] + 1]):
-                for h in range(begin[indices[l]], begin[indices[l] + 1]):
-                    other = having[h]
-                    if seen[other] != place and (other < place or not past):
-                        seen[other] = place
-                        if counted:
-                            Gi[at[other]] = place
-                        at[other] += 1
+    n, k = start.size - 1, start[start.size - 1]
+    Tp, Ti = transposed(n, begin, before)
+    Gp, end = np.zeros(k + 1, np.int64), 0
+    for v in range(n):
+        rest = 0
+        for l in range(Tp[v], Tp[v + 1]):
+            rest += start[Ti[l] + 1] - start[Ti[l]]
+        for c in range(start[v], start[v + 1]):
+            end += start[v + 1] - 1 - c + rest
+            Gp[c + 1] = end
+    Gi = np.empty(end, np.int32)
+    for v in range(n):
+        for c in range(start[v], start[v + 1]):
+            at = Gp[c]
+            for own in range(c + 1, start[v + 1]):
+                Gi[at] = own
+                at += 1
+            for l in range(Tp[v], Tp[v + 1]):
+                for other in range(start[Ti[l]], start[Ti[l] + 1]):
+                    Gi[at] = other
+                    at += 1
     return Gp, Gi
 
 
@@ -231,51 +188,62 @@ def padded_rows(m: int, order: Indices, indptr: Places, indices: Places) -> Rows
 
 
 @kernel
-def fill(Gp, Gi):
-    """Lp (k + 1,), Li: the rows of every column of L, rising, the diagonal first.
-
-    Row c of L has the columns on the paths of the elimination tree that lead from its neighbours
-    before c towards c (Liu 1986).
+def tree(begin, before, weight):
+    """(n,) the parent of each node in the elimination tree, n of a root, and how many rows its
+    columns of L have (Liu 1986); node v has weight[v] columns.
     """
-    k = Gp.size - 1
-    begin, before = columns_of_rows(k, np.arange(k), Gp, Gi)
-    parent, seen = np.full(k, -1, np.int64), np.empty(k, np.int64)
-    Lp, Li, at = np.zeros(k + 1, np.int64), np.empty(0, np.int32), np.zeros(k, np.int64)
-    for counted in (False, True):
-        if counted:
-            Lp[1:] = np.cumsum(at)
-            at[:], Li = Lp[:-1], np.empty(Lp[k], np.int32)
-        seen[:] = -1
-        for c in range(k):
-            seen[c] = c
-            if counted:
-                Li[at[c]] = c
-            at[c] += 1
-            for b in range(begin[c], begin[c + 1]):
-                node = before[b]
-                while seen[node] != c:
-                    if parent[node] < 0:
-                        parent[node] = c
-                    seen[node] = c
-                    if counted:
-                        Li[at[node]] = c
-                    at[node] += 1
-                    node = parent[node]
+    n = begin.size - 1
+    parent, seen, rows = np.full(n, n, np.int32), np.full(n, -1, np.int32), weight.copy()
+    for v in range(n):
+        seen[v] = v
+        for b in range(begin[v], begin[v + 1]):
+            u = before[b]
+            while seen[u] != v:
+                if parent[u] == n:
+                    parent[u] = v
+                seen[u] = v
+                rows[u] += weight[v]
+                u = parent[u]
+    return parent, rows
+
+
+@kernel
+def fill(begin, before):
+    """Lp (n + 1,), Li: the rows of every column of L, by nodes, rising, the diagonal first.
+
+    Row v of L has the nodes on the paths of the elimination tree that lead from its neighbours
+    before v towards v (Liu 1986).
+    """
+    n = begin.size - 1
+    parent, rows = tree(begin, before, np.ones(n, np.int64))
+    Lp, seen = np.zeros(n + 1, np.int64), np.full(n, -1, np.int32)
+    for v in range(n):
+        Lp[v + 1] = Lp[v] + rows[v]
+    Li, at = np.empty(Lp[n], np.int32), Lp[:-1].copy()
+    for v in range(n):
+        seen[v] = v
+        Li[at[v]] = v
+        at[v] += 1
+        for b in range(begin[v], begin[v + 1]):
+            u = before[b]
+            while seen[u] != v:
+                seen[u] = v
+                Li[at[u]] = v
+                at[u] += 1
+                u = parent[u]
     return Lp, Li
 
 
 @kernel
-def postorder(Lp, Li):
-    """(k,) columns in postorder of the elimination tree, of children the longest column last."""
-    k = Lp.size - 1
-    child, sibling = np.full(k + 1, -1, np.int64), np.full(k, -1, np.int64)
-    longest_first = np.argsort(-(Lp[1:] - Lp[:-1]), kind="mergesort")
-    for c in longest_first:
-        parent = Li[Lp[c] + 1] if Lp[c + 1] > Lp[c] + 1 else k  # k: the root of all trees
-        sibling[c] = child[parent]
-        child[parent] = c
-    order, stack = np.empty(k, np.int64), np.empty(k + 1, np.int64)
-    stack[0] = k
+def postorder(parent, rows):
+    """(n,) nodes in postorder of the elimination tree, of children that of most rows last."""
+    n = parent.size
+    child, sibling = np.full(n + 1, -1, np.int64), np.full(n, -1, np.int64)
+    for v in np.argsort(-rows, kind="mergesort"):
+        sibling[v] = child[parent[v]]
+        child[parent[v]] = v
+    order, stack = np.empty(n, np.int64), np.empty(n + 1, np.int64)
+    stack[0] = n
     depth, done = 1, 0
     while depth > 0:
         node = stack[depth - 1]
@@ -286,61 +254,64 @@ def postorder(Lp, Li):
             depth += 1
         else:
             depth -= 1
-            if node < k:
+            if node < n:
                 order[done] = node
                 done += 1
     return order
 
 
 @kernel
-def fronts(Lp, Li, few_zeros):
-    """(fronts + 1,) first column of every front, and k.
+def fronts(Lp, Li, start):
+    """first, front, Rp, Ri and Lp of the `Pattern` from the rows of L by nodes.
 
-    A column joins the front before it if that has its columns for parent, and few entries of the
-    block are zero.
+    A node joins the front before it if that has it for parent, and at most `FEW_ZEROS` of the
+    entries of the block are zero.
     """
-    k = Lp.size - 1
-    first = np.empty(k + 1, np.int32)
-    filled = np.empty(k + 1, np.int64)  # entries of the front
-    count = 0
-    for c in range(k):
-        first[count], filled[count] = c, Lp[c + 1] - Lp[c]
+    n, k = start.size - 1, start[start.size - 1]
+    height, lead = np.zeros(n, np.int64), np.empty(n + 1, np.int64)
+    filled, count = np.empty(n, np.int64), 0  # entries of the front
+    for v in range(n):
+        for l in range(Lp[v], Lp[v + 1]):
+            height[v] += start[Li[l] + 1] - start[Li[l]]
+        lead[count], filled[count] = v, triangle(start[v + 1] - start[v], height[v])
         count += 1
         while count > 1:
-            last = first[count - 1]
+            last = lead[count - 1]
             if Lp[last] - Lp[last - 1] < 2 or Li[Lp[last - 1] + 1] != last:
                 break
-            width = c + 1 - first[count - 2]
-            height = width + Lp[c + 1] - Lp[c] - 1
-            room = width * height - width * (width - 1) // 2
+            width = start[v + 1] - start[lead[count - 2]]
+            room = triangle(width, width + height[v] - (start[v + 1] - start[v]))
             both = filled[count - 2] + filled[count - 1]
-            if room - both > few_zeros * room:
+            if room - both > FEW_ZEROS * room:
                 break
             count -= 1
             filled[count - 1] = both
+    lead[count] = n
+    first, front = np.empty(count + 1, np.int32), np.empty(k, np.int32)
+    Rp, blocks = np.zeros(count + 1, np.int64), np.zeros(count + 1, np.int64)
     first[count] = k
-    return first[: count + 1].copy()
+    for s in range(count):
+        last = lead[s + 1] - 1
+        first[s], width = start[lead[s]], start[last + 1] - start[lead[s]]
+        rows = width + height[last] - (start[last + 1] - start[last])
+        Rp[s + 1], blocks[s + 1] = Rp[s] + rows, blocks[s] + width * rows
+    Ri, at = np.empty(Rp[count], np.uint32), 0
+    for s in range(count):
+        last = lead[s + 1] - 1
+        for c in range(start[lead[s]], start[last + 1]):
+            Ri[at], front[c] = c, s
+            at += 1
+        for l in range(Lp[last] + 1, Lp[last + 1]):
+            for c in range(start[Li[l]], start[Li[l] + 1]):
+                Ri[at] = c
+                at += 1
+    return first, front, Rp, Ri, blocks
 
 
 @kernel
-def rows_of_fronts(first, Lp, Li):
-    """Rp (fronts + 1,), Ri: the columns of each front, and the rows of the last of them."""
-    count = first.size - 1
-    Rp = np.zeros(count + 1, np.int64)
-    for s in range(count):
-        last = first[s + 1] - 1
-        Rp[s + 1] = Rp[s] + (last - first[s]) + Lp[last + 1] - Lp[last]
-    Ri = np.empty(Rp[count], np.uint32)
-    for s in range(count):
-        last = first[s + 1] - 1
-        at = Rp[s]
-        for c in range(first[s], last):
-            Ri[at] = c
-            at += 1
-        for l in range(Lp[last], Lp[last + 1]):
-            Ri[at] = Li[l]
-            at += 1
-    return Rp, Ri
+def triangle(width, height):
+    """Entries of the lower triangle of a front."""
+    return width * height - width * (width - 1) // 2
 
 
 @kernel
@@ -392,8 +363,11 @@ def places_in_L(Gp, Gi, first, front, Rp, Ri, blocks):
 
 @kernel
 def change_flops(first, front, Rp, Ri, Up, Ut):
-    """`change`; see `Pattern`: along the path to the root, and for the row of the column."""
-    k = front.size
+    """`change` and `entries`; see `Pattern`.
+
+    Taking a column into L takes operations along the path to the root, and for its row.
+    """
+    k, entries = front.size, 0
     flops = np.zeros(k, np.int64)
     for c in range(k - 1, -1, -1):
         s = front[c]
@@ -407,4 +381,5 @@ def change_flops(first, front, Rp, Ri, Up, Ut):
             row += 2 * (first[t + 1] - first[t]) * (Rp[t + 1] - Rp[t])
         for c in range(first[s], first[s + 1]):
             flops[c] += row + 2 * (c - first[s]) * (Rp[s + 1] - Rp[s])
-    return flops
+        entries += triangle(first[s + 1] - first[s], Rp[s + 1] - Rp[s])
+    return flops, entries
