@@ -4,14 +4,15 @@ For each family of scenes and each number of bodies, smallest first:
 
 1. A short motion is recorded, `STEPS` steps of `STEP` seconds without error control, so that all
    sizes are asked the same, and no more than the first `MOST` of its QPs, of which friction poses
-   hundreds.  Beyond `CROSSOVER` columns A is stored sparse, which every package that takes sparse
-   matrices is faster with, and with a pattern that keeps (`whole_bodies`).
+   hundreds.  Beyond `CROSSOVER` columns A is stored sparse, unless it is full, which every package
+   that takes sparse matrices is faster with, and with a pattern that keeps (`whole_bodies`).
 2. It is replayed at accuracy `high` through the backends (`harness.study.replay`: interleaved
    passes, answers judged, the least time of each QP counts), each warm, or cold where it has no way
    of keeping anything from one QP to the next.
 3. A backend whose median call exceeds the limit, or by its growth would exceed `FAR` limits at the
    next size, or fewer than half of whose answers are verified, is not tried there; the reason is
-   kept.
+   kept.  A QP of a minimum norm may be ill-posed, with columns opposite but for rounding: where of
+   nobody's answer anything is proved, it counts in the times, and not in the share verified.
 
 The folder holds recordings and results.  What is finished in it is not done again; it belongs to
 one version of the code, and refuses another's (`harness.results.store`).
@@ -46,7 +47,7 @@ from problems.scenes.calm import calm_scene
 from problems.scenes.labels import parse_label
 from problems.sequence import SolvesQPs
 from solvers import make_solver
-from solvers.active_set.method import CROSSOVER
+from solvers.active_set.method import CROSSOVER, is_full
 
 FAMILIES = ("tower", "wall")
 BODIES = (5, 10, 20, 50, 110, 225, 500, 1000, 2000, 5000)
@@ -71,6 +72,8 @@ STEEPEST = 4.0
 """Power of k by which a time is taken to grow at most: between sizes near each other, of which one
 has QPs of another kind, it would be any."""
 HALF = 0.5
+DECIDED = ["verified", "inaccurate", "claimed_wrong"]
+"""Verdicts of answers of which something is proved."""
 TIMEOUT = 10.0
 """Limits that an answer may take; one that takes longer is not judged."""
 SLOW_PASS = 3.0
@@ -175,9 +178,11 @@ class _Counted:
 
 
 def _stored(qp: ContactQP, rows: int) -> ContactQP:
-    """The QP with A dense up to `CROSSOVER` columns and sparse beyond; bodies have `rows`."""
+    """The QP with A dense up to `CROSSOVER` columns, or if it is full, and sparse beyond; bodies
+    have `rows`."""
     of_bodies = rows if qp.m >= rows else 0  # of a QR decomposition there are fewer
-    return replace(qp, A=qp.dense_A if qp.k <= CROSSOVER else whole_bodies(qp.A, of_bodies))
+    A = whole_bodies(qp.A, of_bodies)
+    return replace(qp, A=qp.dense_A if qp.k <= CROSSOVER or is_full(A) else A)
 
 
 def whole_bodies(A: Matrix, rows: int) -> sp.csc_array:
@@ -214,7 +219,8 @@ def measure_growth(
     tried : whether it was run;  reason : why it was not, or would not be at a larger size
     runtime, call_time : [s] medians over the QPs of setup + solve, and of the whole call, which
         includes what our adapter does to pose the QP;  slowest : the largest runtime
-    verified : share of the QPs;  qps : their number
+    verified : share of the QPs of which anything is proved;  qps : number of all;  undecided : of
+        those where of nobody's answer anything is
     iterations, factorizations : means per QP, of the solver's own counting;  NaN where unknown
 
     Raises ValueError and ImportError as `harness.study.replay.replay` does, and StoreError where
@@ -248,9 +254,10 @@ def measure_growth(
             gone |= _too_slow(rows, family, columns, plan.limit)
             active = [name for name in plan.named_solvers() if name not in gone]
             solves = _replayed(recording, active, plan, folder, tell)
+            unknown = _undecided(solves)
             for solver in plan.named_solvers():
                 if solver in active:
-                    row = _summary(solves[solves["solver"] == solver], plan.limit)
+                    row = _summary(solves[solves["solver"] == solver], unknown, plan.limit)
                     if row["reason"]:
                         gone[solver] = f"{row['reason']} at k = {size['k']:,}"
                 else:
@@ -305,14 +312,25 @@ def _replayed(
     return pd.concat(parts) if parts else pd.DataFrame(columns=["solver"])
 
 
-def _summary(solves: pd.DataFrame, limit: float) -> dict[str, Any]:
+def _undecided(solves: pd.DataFrame) -> set[str]:
+    """Problems to which some answers are undecided and no other is known to be right or wrong."""
+    open_ones, decided = (
+        set(solves.loc[solves["verdict"].isin(verdicts), "problem"])
+        for verdicts in (["undecided"], DECIDED)
+    )
+    return open_ones - decided
+
+
+def _summary(solves: pd.DataFrame, unknown: set[str], limit: float) -> dict[str, Any]:
     """What is kept of one solver's rows at one size."""
-    verified = float((solves["verdict"] == "verified").mean())
+    judged = solves[~solves["problem"].isin(unknown)]
+    verified = float((judged["verdict"] == "verified").mean()) if len(judged) else 0.0
     call = float(solves["call_time"].median())
     reason = ""
     if verified < HALF:
         worst = solves["verdict"].value_counts().drop("verified", errors="ignore").idxmax()
-        reason = f"{round((1 - verified) * len(solves))} of {len(solves)} not verified ({worst})"
+        missed = round((1 - verified) * len(judged))
+        reason = f"{missed} of {len(judged)} not verified ({worst})"
     elif call > limit:
         reason = f"{call:.1f} s per call"
     return {
@@ -323,6 +341,7 @@ def _summary(solves: pd.DataFrame, limit: float) -> dict[str, Any]:
         "call_time": call,
         "verified": verified,
         "qps": len(solves),
+        "undecided": len(solves) - len(judged),
         "iterations": _mean(solves["iterations"]),
         "factorizations": _mean(solves["qr_factorizations"]),
         "reason": reason,

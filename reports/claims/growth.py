@@ -100,6 +100,12 @@ def times_table(points: pd.DataFrame, family: str, column: str = "runtime") -> T
             f"{row.solver} at k = {row.k:,}: {percent(row.verified)} of the answers are verified."
             for row in bad.itertuples()
         ]
+        notes += [
+            f"k = {row.k:,}: of {row.undecided:.0f} of {row.qps:.0f} QPs nobody's answer is proved "
+            "right or wrong (columns opposite but for rounding); they count in the times, and not "
+            "in what is verified."
+            for row in tried[tried["undecided"] > 0].drop_duplicates("k").itertuples()
+        ]
     return Table(
         name=f"growth_{'calls' if whole_call else 'times'}_{_plain(family)}",
         title=f"Time per QP, {family}" + (", whole call" if whole_call else ""),

@@ -15,7 +15,7 @@ are there.  Inside, columns are numbered by their place in this order.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -111,12 +111,12 @@ def make_pattern(A: sp.csc_array) -> Pattern:
     m = A.shape[0]
     indptr, indices = np.array(A.indptr, dtype=np.int32), np.array(A.indices, dtype=np.int32)
     order, (Gp, Gi), (first, front, Rp, Ri, Lp) = analyse(m, indptr, indices)
-    Up, Ut, Ua, Ub = updates(first, front, Rp, Ri)
-    change, entries = change_flops(first, front, Rp, Ri, Up, Ut)
+    ahead: tuple[Any, ...] = updates(first, front, Rp, Ri)
+    change, entries = change_flops(first, front, Rp, Ri, *ahead[:2])
     return Pattern(
         *(m, indptr, indices, order, padded_rows(m, order, indptr, indices)),
         *(Gp, Gi, places_in_L(Gp, Gi, first, front, Rp, Ri, Lp)),
-        *(first, front, Rp, Ri, Lp, Up, Ut, Ua, Ub, change, int(indices.size), entries),
+        *(first, front, Rp, Ri, Lp, *ahead, change, int(indices.size), entries),
     )
 
 

@@ -101,7 +101,7 @@ def made_up(times: dict[str, list[float]], verified: float = 1.0) -> pd.DataFram
             "family": "tower", "bodies": 50 * 10**i, "m": 150 * 10**i, "k": 100 * 10**i,
             "solver": solver, "arm": "warm", "tried": True, "runtime": time, "slowest": time,
             "call_time": 2 * time, "verified": verified if solver == "osqp" else 1.0, "qps": 8,
-            "iterations": 1.0, "factorizations": np.nan, "reason": "",
+            "undecided": 0, "iterations": 1.0, "factorizations": np.nan, "reason": "",
         }
         for solver, own in times.items()
         for i, time in enumerate(own)
@@ -119,7 +119,8 @@ def replayed_as(frame: pd.DataFrame) -> object:
             for i in range(8):
                 rows.append(
                     {
-                        "scene": recording.scene, "solver": solver, "arm": "warm",
+                        "problem": f"{recording.scene}/{i:06}", "scene": recording.scene,
+                        "solver": solver, "arm": "warm",
                         "verdict": "verified" if i < 8 * known["verified"] else "inaccurate",
                         "runtime": known["time"], "call_time": known["time"],
                         "iterations": 1, "qr_factorizations": None,
@@ -196,6 +197,37 @@ def test_ratios_are_to_the_fastest_that_is_right() -> None:
         "tower: another backend is faster at k = 100 (piqp).",
         "tower: from k = 100 on the ratio is 0.500× to 20.0×.",
     ]
+
+
+def test_of_a_qp_nobody_can_judge_only_the_time_counts(
+    monkeypatch: pytest.MonkeyPatch, folder: Path
+) -> None:
+    """Two of osqp's answers are undecided: to one of these QPs glambda's is verified."""
+
+    def replay(recording: Recording, solvers: list[str], *_: object, **__: object) -> pd.DataFrame:
+        verdicts = {
+            "glambda": ["verified"] * 3 + ["undecided"],
+            "osqp": ["verified"] * 2 + ["undecided"] * 2,
+        }
+        rows = [
+            {
+                "problem": f"tower/{i}", "scene": recording.scene, "solver": solver, "arm": "warm",
+                "verdict": verdict, "runtime": 1.0 + i, "call_time": 1.0, "iterations": 1,
+                "qr_factorizations": None,
+            }
+            for solver in solvers
+            for i, verdict in enumerate(verdicts[solver])
+        ]  # fmt: skip
+        return pd.DataFrame(rows)
+
+    monkeypatch.setattr(growth, "replay", replay)
+    plan = Plan(families=("tower",), bodies=(2,), solvers=("glambda", "osqp"))
+    points = measure_growth(plan, folder).set_index("solver")
+    assert points["verified"].to_dict() == {"glambda": 1.0, "osqp": pytest.approx(2 / 3)}
+    assert points["undecided"].tolist() == [1, 1] and points["qps"].tolist() == [4, 4]
+    assert points["slowest"].tolist() == [4.0, 4.0]
+    told = times_table(points.reset_index(), "tower").notes
+    assert any("of 1 of 4 QPs nobody's answer is proved right or wrong" in note for note in told)
 
 
 def test_unverified_times_are_told_and_not_fitted() -> None:
