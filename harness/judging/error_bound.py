@@ -12,7 +12,8 @@ Every x̄ and every admissible v give a bound; the least one found is kept.
 
 1. x̄ is x clipped to its bounds, as it is and with entries snapped to a bound: those that a
    gradient step would carry over it, and those that are tiny.  ‖A(x − x̄)‖ is added.
-2. S is a set of rows: none, or those that are free.
+2. S is a set of rows: none, those that are free, or these and all whose gradient is 0 but for
+   rounding: of a heap hundreds are, and making them 0 as they come moves others without end.
 3. v = −(A_Sᵀ)⁺Δ_S, the least v that makes Δ' vanish on S.
 4. Rows on which Δ' has a sign that is not admissible join S, until there are none; where S began
    with the free rows, so do rows at a bound with the wrong sign, so that g = 0.
@@ -51,6 +52,8 @@ UNIT = float(np.finfo(np.longdouble).eps)
 TINY = 1e-7
 """Entries within this fraction of max |x| of a bound are snapped to it, in one of the trials."""
 
+QUIET = 1e-15
+"""A gradient below this times ‖a_j‖‖r‖ is 0 but for rounding, in one of the trials."""
 SLACK = 1e-6
 """Relative error of σ_min(A_S), of ‖a_j‖ and of the norms taken, by which they are enlarged."""
 ROUND_UP = 1 + 1e-12
@@ -197,7 +200,8 @@ def _bound_at(facts: Facts, spans: _Spans, x: np.ndarray, enough: np.longdouble)
     lost = np.linalg.norm(rounding_of(facts, x))
     best = np.linalg.norm(r) + lost
     free = (x > qp.lower) & (x < qp.upper) & facts.pushes
-    for S, all_signs in ((free, True), (np.zeros_like(free), False)):
+    quiet = (np.abs(A.T @ r) <= QUIET * facts.norms * np.linalg.norm(r)) & facts.pushes
+    for S, all_signs in ((free, True), (np.zeros_like(free), False), (free | quiet, True)):
         bound = lost + _bound_on(facts, spans, x, r, S, all_signs)
         best = min(best, bound)
         if best <= 1e-3 * enough:
