@@ -12,8 +12,9 @@ Every x̄ and every admissible v give a bound; the least one found is kept.
 
 1. x̄ is x clipped to its bounds, as it is and with entries snapped to a bound: those that a
    gradient step would carry over it, and those that are tiny.  ‖A(x − x̄)‖ is added.
-2. S is a set of rows: none, those that are free, or these and all whose gradient is 0 but for
-   rounding: of a heap hundreds are, and making them 0 as they come moves others without end.
+2. S is a set of rows: none, or those that are free; and where that comes to much more than their v,
+   these and all whose gradient is quiet, 0 or little more.  Of a heap hundreds are, and making them
+   0 as they come, by the list of `_evaluate`, moves others without end.
 3. v = −(A_Sᵀ)⁺Δ_S, the least v that makes Δ' vanish on S.
 4. Rows on which Δ' has a sign that is not admissible join S, until there are none; where S began
    with the free rows, so do rows at a bound with the wrong sign, so that g = 0.
@@ -52,8 +53,10 @@ UNIT = float(np.finfo(np.longdouble).eps)
 TINY = 1e-7
 """Entries within this fraction of max |x| of a bound are snapped to it, in one of the trials."""
 
-QUIET = 1e-15
-"""A gradient below this times ‖a_j‖‖r‖ is 0 but for rounding, in one of the trials."""
+QUIET = 1e-15, 1e-13, 1e-11
+"""Gradients below one of these times ‖a_j‖‖r‖ are quiet."""
+MUCH = 100.0
+"""Times ‖v‖ of the free rows beyond which most of a bound is rounding that has been undone."""
 SLACK = 1e-6
 """Relative error of σ_min(A_S), of ‖a_j‖ and of the norms taken, by which they are enlarged."""
 ROUND_UP = 1 + 1e-12
@@ -200,19 +203,23 @@ def _bound_at(facts: Facts, spans: _Spans, x: np.ndarray, enough: np.longdouble)
     lost = np.linalg.norm(rounding_of(facts, x))
     best = np.linalg.norm(r) + lost
     free = (x > qp.lower) & (x < qp.upper) & facts.pushes
-    quiet = (np.abs(A.T @ r) <= QUIET * facts.norms * np.linalg.norm(r)) & facts.pushes
-    for S, all_signs in ((free, True), (np.zeros_like(free), False), (free | quiet, True)):
-        bound = lost + _bound_on(facts, spans, x, r, S, all_signs)
-        best = min(best, bound)
-        if best <= 1e-3 * enough:
+    bound, least = _bound_on(facts, spans, x, r, free, True)
+    best = min(best, lost + bound)
+    if best > 1e-3 * enough:
+        best = min(best, lost + _bound_on(facts, spans, x, r, np.zeros_like(free), False)[0])
+    slopes = np.abs(A.T @ r) / facts.norms
+    for quiet in QUIET:
+        if best <= MUCH * (lost + least):
             break
+        S = free | ((slopes <= quiet * np.linalg.norm(r)) & facts.pushes)
+        best = min(best, lost + _bound_on(facts, spans, x, r, S, True)[0])
     return best
 
 
 def _bound_on(
     facts: Facts, spans: _Spans, x: np.ndarray, r: np.ndarray, S: Flags, all_signs: bool
-) -> np.longdouble:
-    """Bound with v = −(A_Sᵀ)⁺Δ_S, S enlarged until v is admissible; inf if it never is.
+) -> tuple[np.longdouble, np.longdouble]:
+    """Bound with v = −(A_Sᵀ)⁺Δ_S, S enlarged until v is admissible, and ‖v‖; inf, 0 if it never is.
 
     all_signs : enlarge S further until every row at a bound has its sign, which makes g = 0
     """
@@ -234,12 +241,12 @@ def _bound_on(
             break
         S = S | bad
     else:
-        return np.longdouble(np.inf)
+        return np.longdouble(np.inf), np.longdouble(0.0)
     gradient = A.T @ (r + v)
     bound, grew = _evaluate(facts, spans, x, v, S, gradient, margin, True)
     if grew:
         bound = min(bound, _evaluate(facts, spans, x, v, S, gradient, margin, False)[0])
-    return bound
+    return bound, np.linalg.norm(v)
 
 
 def _evaluate(
