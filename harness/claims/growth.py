@@ -4,8 +4,8 @@ For each family of scenes and each number of bodies, smallest first:
 
 1. A short motion is recorded, `STEPS` steps of `STEP` seconds without error control, so that all
    sizes are asked the same, and no more than the first `MOST` of its QPs, of which friction poses
-   hundreds.  Beyond `CROSSOVER` columns A is stored sparse, unless it is full, which every package
-   that takes sparse matrices is faster with, and with a pattern that keeps (`whole_bodies`).
+   hundreds.  A is stored sparse unless it is small or full, for every package that takes sparse
+   matrices is faster with it, and with a pattern that keeps (`whole_bodies`).
 2. It is replayed at accuracy `high` through the backends (`harness.study.replay`: interleaved
    passes, answers judged, the least time of each QP counts), each warm, or cold where it has no way
    of keeping anything from one QP to the next.
@@ -47,7 +47,7 @@ from problems.scenes.calm import calm_scene
 from problems.scenes.labels import parse_label
 from problems.sequence import SolvesQPs
 from solvers import make_solver
-from solvers.active_set.method import CROSSOVER, is_full
+from solvers.active_set.method import is_small_or_full
 
 FAMILIES = ("tower", "wall")
 BODIES = (5, 10, 20, 50, 110, 225, 500, 1000, 2000, 5000)
@@ -178,11 +178,10 @@ class _Counted:
 
 
 def _stored(qp: ContactQP, rows: int) -> ContactQP:
-    """The QP with A dense up to `CROSSOVER` columns, or if it is full, and sparse beyond; bodies
-    have `rows`."""
+    """The QP with A dense where it is small or full, and else sparse; bodies have `rows`."""
     of_bodies = rows if qp.m >= rows else 0  # of a QR decomposition there are fewer
     A = whole_bodies(qp.A, of_bodies)
-    return replace(qp, A=qp.dense_A if qp.k <= CROSSOVER or is_full(A) else A)
+    return replace(qp, A=qp.dense_A if is_small_or_full(A) else A)
 
 
 def whole_bodies(A: Matrix, rows: int) -> sp.csc_array:
@@ -309,7 +308,7 @@ def _replayed(
             )
             chosen = (found["scene"] == recording.scene) & found["solver"].isin(named)
             parts.append(found[chosen & (found["arm"] == arm)])
-    return pd.concat(parts) if parts else pd.DataFrame(columns=["solver"])
+    return pd.concat(parts) if parts else pd.DataFrame(columns=["problem", "solver", "verdict"])
 
 
 def _undecided(solves: pd.DataFrame) -> set[str]:
@@ -328,9 +327,10 @@ def _summary(solves: pd.DataFrame, unknown: set[str], limit: float) -> dict[str,
     call = float(solves["call_time"].median())
     reason = ""
     if verified < HALF:
-        worst = solves["verdict"].value_counts().drop("verified", errors="ignore").idxmax()
-        missed = round((1 - verified) * len(judged))
-        reason = f"{missed} of {len(judged)} not verified ({worst})"
+        missed = solves[solves["verdict"] != "verified"]
+        worst = missed["verdict"].value_counts().idxmax()
+        of_these = len(judged) or len(solves)  # where nobody is known to be right or wrong
+        reason = f"{round((1 - verified) * of_these)} of {of_these} not verified ({worst})"
     elif call > limit:
         reason = f"{call:.1f} s per call"
     return {

@@ -207,13 +207,20 @@ def _bound_at(facts: Facts, spans: _Spans, x: np.ndarray, enough: np.longdouble)
     best = min(best, lost + bound)
     if best > 1e-3 * enough:
         best = min(best, lost + _bound_on(facts, spans, x, r, np.zeros_like(free), False)[0])
-    slopes = np.abs(A.T @ r) / facts.norms
-    for quiet in QUIET:
-        if best <= MUCH * (lost + least):
-            break
-        S = free | ((slopes <= quiet * np.linalg.norm(r)) & facts.pushes)
+    others = _with_quiet(facts, r, free)
+    while best > MUCH * (lost + least) and (S := next(others, None)) is not None:
         best = min(best, lost + _bound_on(facts, spans, x, r, S, True)[0])
     return best
+
+
+def _with_quiet(facts: Facts, r: np.ndarray, free: Flags) -> Iterator[Flags]:
+    """The free rows and the quiet ones, by each of `QUIET` that adds any."""
+    slopes, last = np.abs(facts.A.T @ r) / facts.norms / np.linalg.norm(r), free
+    for quiet in QUIET:
+        S = free | ((slopes <= quiet) & facts.pushes)
+        if not np.array_equal(S, last):
+            yield S
+        last = S
 
 
 def _bound_on(

@@ -123,9 +123,13 @@ run_dense = entry(
 """`algorithm_2` as a callable that trusts its arguments: `ContactQP` has made sure of them."""
 
 
-def is_full(A: Matrix) -> bool:
-    """Whether A is a dense array, or a sparse one that might as well be."""
-    return isinstance(A, np.ndarray) or A.nnz > FULL * A.shape[0] * A.shape[1]
+def is_small_or_full(A: Matrix) -> bool:
+    """Whether A is a dense array, or might as well be: of `CROSSOVER` columns at most, or full."""
+    return (
+        isinstance(A, np.ndarray)
+        or A.shape[1] <= CROSSOVER
+        or A.nnz > FULL * A.shape[0] * A.shape[1]
+    )
 
 
 class Modes(NamedTuple):
@@ -147,8 +151,7 @@ class Modes(NamedTuple):
 
     def dense_is_better(self, qp: ContactQP, warm: bool) -> bool:
         """Whether A is a dense array, or a sparse one that is solved as one."""
-        k = qp.lower.size
-        return k <= CROSSOVER or is_full(qp.A) or (k <= qp.d.size and self.narrow(k, warm))
+        return is_small_or_full(qp.A) or (qp.k <= qp.m and self.narrow(qp.k, warm))
 
 
 class Call(NamedTuple):

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from problems.qp import ContactQP
 from solvers.active_set.flops import cg_iteration_flops, qr_flops
-from solvers.active_set.method import CROSSOVER, is_full
+from solvers.active_set.method import is_small_or_full
 from solvers.active_set.sparse.cholesky import cholesky
 from solvers.active_set.sparse.direction import iteration_flops
 from solvers.active_set.sparse.loop import lay_out_sparse
@@ -43,7 +43,7 @@ class UnitCosts(NamedTuple):
 
 def goes_sparse(qp: ContactQP) -> bool:
     """Whether algorithm 2 takes its sparse path."""
-    return qp.k > CROSSOVER and not is_full(qp.A) and is_narrow(qp.A)
+    return not is_small_or_full(qp.A) and is_narrow(qp.A)
 
 
 def dense_costs(m: int, f: int) -> UnitCosts:

@@ -71,10 +71,11 @@ def test_who_is_coupled_shares_a_row(columns: list[set[int]]) -> None:
     node, count = node_of_columns(m, indptr, indices)
     weight = np.bincount(node, minlength=count)
     Ep, Ei = cliques(m, indptr, indices, node, count)
-    order = eliminated(Ep, Ei, weight)
+    having = transposed(count, Ep, Ei)
+    order = eliminated(Ep, Ei, *having, weight)
     assert sorted(order.tolist()) == list(range(count))
     assert weight.tolist() == np.bincount(node, minlength=count).tolist()
-    begin, before = coupled(Ep, Ei, order)
+    begin, before = coupled(Ep, Ei, *having, order)
     member = [columns[node.tolist().index(v)] for v in order]
     for v in range(count):
         expected = [u for u in range(v) if member[u] & member[v]]

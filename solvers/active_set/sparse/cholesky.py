@@ -114,10 +114,10 @@ def cholesky(pattern, Bx, S, I, Lx, shift):
                 if not inside[c]:
                     continue
                 target = block[(c - c0) * height : (c - c0 + 1) * height]
+                flops += 2 * columns * (end - a)
                 if columns == 1:
                     for i in places(a, end):
                         target[place[their_rows[i]]] -= L[a] * L[i]
-                    flops += 2 * (end - a)
                     continue
                 for i in places(a, end):
                     work[i] = 0.0
@@ -129,7 +129,6 @@ def cholesky(pattern, Bx, S, I, Lx, shift):
                         work[i] += column[a] * column[i]
                 for i in places(a, end):
                     target[place[their_rows[i]]] -= work[i]
-                flops += 2 * columns * (end - a)
         for q in range(width):
             column = block[q * height : (q + 1) * height]
             if q % 4 == 0 and q > 0:

@@ -162,10 +162,13 @@ class Marks(NamedTuple):
 
 
 @kernel
-def eliminated(Ep, Ei, weight):
-    """(n,) the nodes in the order of elimination; weight (n,): how many columns each stands for."""
+def eliminated(Ep, Ei, Np, its, weight):
+    """(n,) the nodes in the order of elimination; weight (n,): how many columns each stands for.
+
+    Np (n + 1,), its : the elements of every node
+    """
     n, given = weight.size, Ep.size - 1
-    graph = quotient(Ep, Ei, weight)
+    graph = quotient(Ep, Ei, Np, its.copy(), weight)
     queue = by_degree(graph, given)
     marks = Marks(
         np.full(n, -1),
@@ -194,10 +197,9 @@ def eliminated(Ep, Ei, weight):
 
 
 @kernel
-def quotient(Ep, Ei, weight):
-    """The `Quotient` graph of these elements."""
+def quotient(Ep, Ei, Np, its, weight):
+    """The `Quotient` graph of these elements; it writes to `its`."""
     n, given = weight.size, Ep.size - 1
-    Np, its = transposed(n, Ep, Ei)
     head, link = np.full(given + n, -1), np.zeros(Ei.size, np.int64)
     size, alive = np.zeros(given + n, np.int64), np.zeros(given + n, np.bool_)
     for e in range(given):
@@ -366,13 +368,12 @@ def alike(graph, u, v):
 
 
 @kernel
-def coupled(Ep, Ei, order):
+def coupled(Ep, Ei, Np, its, order):
     """begin (n + 1,), before: node order[v] is called v; the nodes before each that share an
-    element with it."""
+    element with it.  Np (n + 1,), its : the elements of every node."""
     n, place = order.size, np.empty(order.size, np.int32)
     for v in range(n):
         place[order[v]] = v
-    Np, its = transposed(n, Ep, Ei)
     begin, before, end = np.zeros(n + 1, np.int64), np.empty(max(16, 4 * Ei.size), np.int32), 0
     seen = np.full(n, -1, np.int32)
     for v in range(n):

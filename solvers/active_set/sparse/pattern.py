@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from problems.qp import Indices
 from solvers.active_set.compiled import kernel
 from solvers.active_set.sparse.order import (
+    Places,
     cliques,
     coupled,
     eliminated,
@@ -31,7 +32,6 @@ from solvers.active_set.sparse.order import (
     transposed,
 )
 
-Places = NDArray[np.int32]
 Rows = NDArray[np.uint32]
 """What kernels index with: numba looks at every index that might be negative."""
 
@@ -68,7 +68,7 @@ class Pattern(NamedTuple):
     indices: Places
     order: Indices
     Bi: Rows
-    Gp: Places
+    Gp: Indices
     Gi: Places
     Gx: Indices
     first: Places
@@ -132,20 +132,17 @@ def analyse(m, indptr, indices):
     for v in node:
         weight[v] += 1
     Ep, Ei = cliques(m, indptr, indices, node, count)
-    nodes = eliminated(Ep, Ei, weight)
-    nodes = nodes[postorder(*tree(*coupled(Ep, Ei, nodes), weight[nodes]))]
-    begin, before = coupled(Ep, Ei, nodes)
+    Np, its = transposed(count, Ep, Ei)
+    nodes = eliminated(Ep, Ei, Np, its, weight)
+    begin, before = coupled(Ep, Ei, Np, its, nodes)
+    nodes = nodes[postorder(*tree(begin, before, weight[nodes]))]
+    begin, before = coupled(Ep, Ei, Np, its, nodes)
     Lp, Li = fill(begin, before)
-    start = np.zeros(count + 1, np.int64)
+    place = np.empty(count, np.int64)
     for v in range(count):
-        start[v + 1] = start[v] + weight[nodes[v]]
-    order, at = np.empty(node.size, np.int64), np.empty(count, np.int64)
-    for v in range(count):
-        at[nodes[v]] = start[v]
-    for c in range(node.size):
-        order[at[node[c]]] = c
-        at[node[c]] += 1
-    return order, spread_out(begin, before, start), fronts(Lp, Li, start)
+        place[nodes[v]] = v
+    start, order = transposed(count, np.arange(node.size + 1), place[node])
+    return order.astype(np.int64), spread_out(begin, before, start), fronts(Lp, Li, start)
 
 
 @kernel

@@ -199,6 +199,16 @@ def test_ratios_are_to_the_fastest_that_is_right() -> None:
     ]
 
 
+def test_where_everybody_has_been_given_up_the_sizes_are_told_all_the_same(
+    monkeypatch: pytest.MonkeyPatch, folder: Path
+) -> None:
+    slow = pd.DataFrame([("osqp", 4, 5.0, 1.0)], columns=["solver", "k", "time", "verified"])
+    monkeypatch.setattr(growth, "replay", replayed_as(slow))
+    plan = Plan(families=("tower",), bodies=(2, 3), solvers=("osqp",), limit=2)
+    points = measure_growth(plan, folder)
+    assert points["tried"].tolist() == [True, False] and points["k"].tolist() == [4, 6]
+
+
 def test_of_a_qp_nobody_can_judge_only_the_time_counts(
     monkeypatch: pytest.MonkeyPatch, folder: Path
 ) -> None:
