@@ -25,8 +25,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from problems.kernels.numba_internals import lent
 from problems.qp import Indices
-from solvers.active_set.compiled import kernel
+from solvers.active_set.compiled import kernel, stage
 
 Places = NDArray[np.int32]
 Flags = NDArray[np.bool_]
@@ -175,25 +176,34 @@ def eliminated(Ep, Ei, Np, its, weight):
         *(np.full(given + n, -1), np.zeros(given + n, np.int64)),
         *(np.zeros(n, np.int64), np.full(n, -1), np.zeros(n, np.int64)),
     )
-    order, done, least = np.empty(n, np.int64), 0, 0
-    while done < n:
+    order = np.empty(n, np.int64)
+    eliminate(graph, queue, marks, order, given)
+    return order
+
+
+@kernel
+def eliminate(graph, queue, marks, order, given):
+    """Fill the order (n,); the first `given` elements are those at the beginning."""
+    graph, queue, marks, order = lent(graph), lent(queue), lent(marks), lent(order)
+    done, least = 0, 0
+    while done < order.size:
         while queue.first[least] < 0:
             least += 1
         pivot = queue.first[least]
+        new = given + pivot
         take(queue, pivot)
         done = leave(graph, order, done, pivot)
-        total = merge(graph, marks, pivot, given + pivot)
-        look_outside(graph, marks, pivot, given + pivot)
-        done, rest = sort_out(graph, queue, marks, order, done, given + pivot, total)
-        join_alike(graph, queue, marks, pivot, given + pivot)
-        l = graph.head[given + pivot]
+        total = merge(graph, marks, pivot, new)
+        look_outside(graph, marks, pivot, new)
+        done, rest = sort_out(graph, queue, marks, order, done, new, total)
+        join_alike(graph, queue, marks, pivot, new)
+        l = graph.head[new]
         while l >= 0:
             v = graph.node[l]
             queue.degree[v] = max(queue.degree[v] - (total - rest), 0)
             put(queue, v)
             least = min(least, queue.degree[v])
             l = graph.link[l]
-    return order
 
 
 @kernel
@@ -226,7 +236,7 @@ def by_degree(graph, given):
     return queue
 
 
-@kernel
+@stage
 def put(queue, v):
     """Node v becomes the first of its degree."""
     degree, first, after, before = queue
@@ -237,7 +247,7 @@ def put(queue, v):
     first[d] = v
 
 
-@kernel
+@stage
 def take(queue, v):
     """Node v leaves the list of its degree."""
     degree, first, after, before = queue
@@ -249,7 +259,7 @@ def take(queue, v):
         before[after[v]] = before[v]
 
 
-@kernel
+@stage
 def leave(graph, order, done, v):
     """Node v, and all that go with it, are next in the order; returns how many are in it."""
     graph.there[v] = False
@@ -260,7 +270,7 @@ def leave(graph, order, done, v):
     return done
 
 
-@kernel
+@stage
 def merge(graph, marks, pivot, new):
     """The elements of the pivot become one; returns how many columns it couples."""
     head, link, total = graph.head, graph.link, 0
@@ -280,7 +290,7 @@ def merge(graph, marks, pivot, new):
     return total
 
 
-@kernel
+@stage
 def look_outside(graph, marks, pivot, new):
     """How many columns of every other element, of a node of the new one, are outside it."""
     l = graph.head[new]
@@ -295,7 +305,7 @@ def look_outside(graph, marks, pivot, new):
         l = graph.link[l]
 
 
-@kernel
+@stage
 def sort_out(graph, queue, marks, order, done, new, total):
     """Of the new element, whoever is in no other is eliminated; the others have a new degree.
 
@@ -326,7 +336,7 @@ def sort_out(graph, queue, marks, order, done, new, total):
     return done, rest
 
 
-@kernel
+@stage
 def join_alike(graph, queue, marks, pivot, new):
     """Nodes of the new element that are in the same elements become one."""
     its, Np, many, link = graph.its, graph.Np, graph.many, graph.link
@@ -352,7 +362,7 @@ def join_alike(graph, queue, marks, pivot, new):
     graph.head[new] = kept
 
 
-@kernel
+@stage
 def alike(graph, u, v):
     """Whether two nodes are in the same elements."""
     its, Np, many = graph.its, graph.Np, graph.many
