@@ -434,6 +434,7 @@ def test_expected_misses_are_a_range(
     assert holds(right_rows, []) and holds(right_rows, [3]) and holds(right_rows, [3, 5])
     assert not holds(right_rows, [3, 5, 7])
     assert not holds(right_rows, [3], glambda_error=2e-6)
+    assert holds(right_rows, [3], glambda_error=2e-6, status="ITERATION_LIMIT")
     assert not holds(right_rows, [3], kind="impulse")
     assert not holds(right_rows, [3], verdict="claimed_wrong")
     assert holds(right_rows, [3], verdict="failed", glambda_error=np.nan)
