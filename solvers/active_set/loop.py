@@ -37,7 +37,7 @@ from solvers.active_set.flops import (
 )
 from solvers.active_set.newton import LEAST, MOST, solve_by_newton
 from solvers.active_set.online_rule import forget, iterations_worth, keep_account
-from solvers.active_set.settled import solve_settled
+from solvers.active_set.settled import residual_and_sizes, solve_settled
 from solvers.active_set.tolerances import ROUNDING, SHARE
 from solvers.active_set.workspace import (
     AGE,
@@ -78,7 +78,6 @@ from solvers.active_set.workspace import (
     REALS,
     REMAINDER,
     RESIDUAL,
-    SIZES,
     SOLVED,
     STATUS,
     TIME,
@@ -216,24 +215,12 @@ def start(S, I, k, warm, own_set, w):
 @kernel
 def take_residual(S, mp, k):
     """r = B z + d into row RESIDUAL; returns ‖change of r‖ and the rounding in Δ."""
-    fresh, r, d, sizes = S[FRESH], S[RESIDUAL], S[MOMENTUM], S[SIZES]
-    for i in range(mp):
-        fresh[i] = d[i]
-        sizes[i] = abs(d[i])
-    for j in range(k):
-        z = S[Z, j]
-        if z != 0.0:
-            b = S[N_FLOAT_ROWS + j]
-            for i in range(mp):
-                term = z * b[i]
-                fresh[i] += term
-                sizes[i] += abs(term)
-    moved = total = 0.0
+    size = residual_and_sizes(S, mp, k, MOMENTUM, FRESH)
+    fresh, r, moved = S[FRESH], S[RESIDUAL], 0.0
     for i in range(mp):
         moved += (fresh[i] - r[i]) ** 2
-        total += sizes[i] * sizes[i]
         r[i] = fresh[i]
-    return sqrt(moved), ROUNDING * sqrt(total)
+    return sqrt(moved), ROUNDING * size
 
 
 @kernel

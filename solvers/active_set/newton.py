@@ -63,7 +63,7 @@ def solve_by_newton(A, d, lower, upper, row_id, S, I, mp, rounding_unit, warm):
     m, k = A.shape
     counts = I[COUNTS]
     take_columns(A, d, S, mp)
-    take_gram(A, S, I, mp, k)
+    take_gram(A, S, I, mp)
     take_slopes(S, mp, k)
     counts[FLOPS] += m * k * k
     objective = place(lower, upper, S, I, k, warm)

@@ -105,7 +105,7 @@ def refine(A, lower, upper, S, I, m, mp, k, f, factorized, rounding_unit):
     x, r, g, p, free = S[Z], S[RESIDUAL], S[GRADIENT], S[P], I[F]
     tried, slope_before = 0, 0.0
     while True:
-        size_of_terms = residual_and_sizes(S, mp, k)
+        size_of_terms = residual_and_sizes(S, mp, k, FRESH, RESIDUAL)
         if not size_of_terms < 1e150:
             return False, tried
         rounding = rounding_unit * size_of_terms
@@ -115,7 +115,7 @@ def refine(A, lower, upper, S, I, m, mp, k, f, factorized, rounding_unit):
             for i in range(mp):
                 along += b[i] * r[i]
                 size += b[i] * b[i]
-            g[c] = along
+            g[free[c]] = along
             S[H0 + free[c], free[c]] = size
             if size > 0.0:
                 slope += along * along / size
@@ -132,11 +132,11 @@ def refine(A, lower, upper, S, I, m, mp, k, f, factorized, rounding_unit):
         tried += 1
         if not factorized:
             factorized = True
-            take_gram_of_free(A, S, I, mp, f)
+            take_gram_of_free(A, S, I, mp)
             if factorize_gram(S, I, m, k) < f:
                 return False, tried
         for c in range(f):
-            p[c] = -g[c]
+            p[c] = -g[free[c]]
         solve_gram(S, I, f)
         for c in range(f):
             j = free[c]
@@ -146,20 +146,29 @@ def refine(A, lower, upper, S, I, m, mp, k, f, factorized, rounding_unit):
 
 
 @stage
-def residual_and_sizes(S, mp, k):
-    """r = A x + d into row RESIDUAL; returns ‖ |A||x| + |d| ‖."""
-    x, r, sizes, pad = S[Z], S[RESIDUAL], S[SIZES], S[FRESH]
+def residual_and_sizes(S, mp, k, d_row, r_row):
+    """r = B z + d, from one row into another; returns ‖ |B||z| + |d| ‖.
+
+    Four columns at a time: r and the sizes are fetched and put back a quarter as often.
+    """
+    z, d, r, sizes, B0 = S[Z], S[d_row], S[r_row], S[SIZES], N_FLOAT_ROWS
     for i in range(mp):
-        r[i] = pad[i]
-        sizes[i] = abs(pad[i])
-    for j in range(k):
-        value = x[j]
-        if value != 0.0:
-            b = S[N_FLOAT_ROWS + j]
-            for i in range(mp):
-                term = value * b[i]
-                r[i] += term
-                sizes[i] += abs(term)
+        r[i] = d[i]
+        sizes[i] = abs(d[i])
+    fours = k // 4 * 4
+    for j in range(0, fours, 4):
+        z0, z1, z2, z3 = z[j], z[j + 1], z[j + 2], z[j + 3]
+        b0, b1, b2, b3 = S[B0 + j], S[B0 + j + 1], S[B0 + j + 2], S[B0 + j + 3]
+        for i in range(mp):
+            t0, t1, t2, t3 = z0 * b0[i], z1 * b1[i], z2 * b2[i], z3 * b3[i]
+            r[i] += (t0 + t1) + (t2 + t3)
+            sizes[i] += (abs(t0) + abs(t1)) + (abs(t2) + abs(t3))
+    for j in range(fours, k):
+        value, b = z[j], S[B0 + j]
+        for i in range(mp):
+            term = value * b[i]
+            r[i] += term
+            sizes[i] += abs(term)
     total = 0.0
     for i in range(mp):
         total += sizes[i] * sizes[i]
