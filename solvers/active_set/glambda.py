@@ -6,7 +6,8 @@ preconditions conjugate gradients, ended by (3.20).
 
 Not from the paper is what outlives a QP, which goes by size, and when R is given up:
 
-1. Up to `CROSSOVER` columns, cold up to `COLD_CROSSOVER`, F and x only, and no conjugate gradients.
+1. Up to `CROSSOVER` columns, cold up to `COLD_CROSSOVER`, up to `THIN_CROSSOVER` where A is thin, F
+   and x only, and no conjugate gradients.
    A_F is factorized anew at every QP, by normal equations: on the last F by itself (`settled`), by
    Newton steps that change many rows at once (`newton`), and by QR where these do not end it.
 2. Beyond, where A is dense, R as in the paper, but given up by the online rule (`online_rule`) and
@@ -27,7 +28,14 @@ import numpy as np
 from problems.qp import Solution, Status
 from problems.qp_kernel import CompiledMethod, Room
 from solvers.active_set.loop import CUSTOM, EXTRAPOLATED, GRAM, ONLINE, TODAYS_QR, solve
-from solvers.active_set.method import COLD_CROSSOVER, CROSSOVER, ActiveSet, Modes, room_after
+from solvers.active_set.method import (
+    COLD_CROSSOVER,
+    CROSSOVER,
+    THIN_CROSSOVER,
+    ActiveSet,
+    Modes,
+    room_after,
+)
 from solvers.active_set.workspace import (
     COUNTS,
     OLD_K,
@@ -56,7 +64,8 @@ class Glambda(ActiveSet):
     def modes(self) -> Modes:
         """By size, see the module's list."""
         mode = ONLINE if self.iteration_limit is None else ONLINE | CUSTOM
-        return Modes(mode | TODAYS_QR | GRAM, mode, mode | EXTRAPOLATED, CROSSOVER, COLD_CROSSOVER)
+        small, sparse = mode | TODAYS_QR | GRAM, mode | EXTRAPOLATED
+        return Modes(small, mode, sparse, CROSSOVER, COLD_CROSSOVER, THIN_CROSSOVER)
 
     def compiled(self, k: int) -> CompiledMethod | None:
         """Algorithm 2 for whole steps and collisions in one call, up to `SMALL_CALLS` columns.

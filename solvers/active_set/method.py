@@ -97,6 +97,15 @@ Measured, µs per QP, on frictionless towers / walls of this many columns, as k:
 equations, old R dense, old R sparse.  16: 2.7, 3.7, 10 / 2.2, 6.9, 9.3.  32 / 36: 7.8, 7.1, 12 /
 5.7, 23, 12.  48 / 50: 18, 14, 15 / 8.1, 50, 14.  80 / 100: 68, 32, 19 / 32, 20, 24.
 """
+THIN_CROSSOVER, THIN = 80, 0.1
+"""The same where a sparse A has no more than this share of entries, and no more columns than rows:
+there columns that are neighbours are, and L is narrow.
+
+Measured, µs per QP, warm, today's / sparse: tower of 20 with friction (45 columns) 7 / 11, heap of
+50 with friction (75) 34 / 50, 80 columns of cubes in space 5 / 10, tower of 50 (100) 20 / 18.  But of
+a robot's joints, a share of 0.13, 51 columns 17 / 11; of walls, with more columns than rows, 64
+columns 29 / 16.
+"""
 COLD_CROSSOVER = 100
 """The same for a cold start, which has no pattern, no order of elimination and no R yet.
 
@@ -132,10 +141,16 @@ def is_small_or_full(A: Matrix) -> bool:
     )
 
 
+def is_thin(A: Matrix) -> bool:
+    """Whether A is sparse, of `THIN` entries."""
+    return not isinstance(A, np.ndarray) and A.nnz <= THIN * A.shape[0] * A.shape[1]
+
+
 class Modes(NamedTuple):
     """The bits that the kernels are called with, but for `WARM`.
 
-    small : for up to `crossover` columns, cold for up to `cold`, and for `EXACT_KINDS` of any size
+    small : for up to `crossover` columns, cold for up to `cold`, where A is thin for up to `thin`,
+        and for `EXACT_KINDS` of any size
     dense, sparse : for the others
     """
 
@@ -144,14 +159,16 @@ class Modes(NamedTuple):
     sparse: int
     crossover: int
     cold: int
+    thin: int
 
-    def narrow(self, k: int, warm: bool) -> bool:
-        """Whether k columns are few."""
-        return k <= (self.crossover if warm else self.cold)
+    def narrow(self, qp: ContactQP, warm: bool) -> bool:
+        """Whether columns are few."""
+        k = qp.lower.size
+        return k <= (self.crossover if warm else self.cold) or (k <= self.thin and is_thin(qp.A))
 
     def dense_is_better(self, qp: ContactQP, warm: bool) -> bool:
         """Whether A is a dense array, or a sparse one that is solved as one."""
-        return is_small_or_full(qp.A) or (qp.k <= qp.m and self.narrow(qp.k, warm))
+        return is_small_or_full(qp.A) or (qp.k <= qp.m and self.narrow(qp, warm))
 
 
 class Call(NamedTuple):
@@ -290,7 +307,7 @@ class ActiveSet(Solver):
     ) -> tuple[tuple[Any, ...], Workspace]:
         """The arguments of `algorithm_2`, and their workspace: a new one, or what it remembers."""
         d, lower, modes = qp.d, qp.lower, self._modes
-        small = modes.narrow(lower.size, room is not None) or qp.kind in EXACT_KINDS
+        small = modes.narrow(qp, room is not None) or qp.kind in EXACT_KINDS
         mode = modes.small if small else modes.dense
         if room is None:
             room = make_workspace(d.size, lower.size)
