@@ -61,7 +61,7 @@ def take_columns(A, d, S, mp):
 
 @stage
 def find_entries(A, I, mp):
-    """Rows TOUCHED, FROM, PAST and SORTED; returns whether columns are short, as a contact's are."""
+    """Rows TOUCHED, FROM, PAST and SORTED; returns whether columns are short, as of a contact."""
     m, k = A.shape
     touched, start, past, together = I[TOUCHED], I[FROM], I[PAST], (m + BITS - 1) // BITS
     for j in range(k):

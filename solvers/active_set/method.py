@@ -102,9 +102,8 @@ THIN_CROSSOVER, THIN = 80, 0.1
 there columns that are neighbours are, and L is narrow.
 
 Measured, µs per QP, warm, today's / sparse: tower of 20 with friction (45 columns) 7 / 11, heap of
-50 with friction (75) 34 / 50, 80 columns of cubes in space 5 / 10, tower of 50 (100) 20 / 18.  But of
-a robot's joints, a share of 0.13, 51 columns 17 / 11; of walls, with more columns than rows, 64
-columns 29 / 16.
+50 with friction (75) 34 / 50, 80 columns of cubes in space 5 / 10, tower of 50 (100) 20 / 18.  But
+51 columns of a robot's joints, a share of 0.13, 17 / 11; 64 of walls, more than rows, 29 / 16.
 """
 COLD_CROSSOVER = 100
 """The same for a cold start, which has no pattern, no order of elimination and no R yet.

@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from problems.qp import FREE, ContactQP
 from solvers.active_set import newton
 from solvers.active_set.glambda import Glambda
-from solvers.active_set.method import COLD_CROSSOVER, CROSSOVER
+from solvers.active_set.method import COLD_CROSSOVER, THIN_CROSSOVER
 from solvers.active_set.sparse.workspace import SparseWorkspace
 from solvers.active_set.workspace import (
     CHANGES,
@@ -118,7 +118,7 @@ def test_a_start_beyond_all_bounds_is_no_start() -> None:
     assert_same_force(qp, found, Ax, 1e-9)
 
 
-@pytest.mark.parametrize("k", [CROSSOVER + 1, COLD_CROSSOVER])
+@pytest.mark.parametrize("k", [THIN_CROSSOVER + 1, COLD_CROSSOVER])
 def test_a_cold_start_of_some_columns_more_needs_no_pattern(k: int) -> None:
     """The next one, warm, makes it; both find the same A x as a dense matrix gives."""
     rng = np.random.default_rng(k)

@@ -386,8 +386,8 @@ def test_a_leap_ends_at_the_same_force(seed: int) -> None:
 
     An option about iterations makes the method walk all the way.
     """
-    still = simulate(scene("tower", bodies=200, mu=0.5, speed=0.0), Glambda(), until=1e-3)
-    qp = next(qp for qp in still.qps if qp.k == 600)
+    still = simulate(scene("tower", bodies=400, mu=0.5, speed=0.0), Glambda(), until=1e-3)
+    qp = next(qp for qp in still.qps if qp.k == 1200)
     shaken = qp.d + 0.05 * np.linalg.norm(qp.d) * np.random.default_rng(seed).standard_normal(qp.m)
     qp = replace(qp, d=shaken, eps0=1e-9 * float(np.linalg.norm(shaken)))
     leapt = Glambda().solve(qp)

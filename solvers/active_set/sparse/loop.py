@@ -117,14 +117,14 @@ from solvers.active_set.workspace import (
 TODAYS_A = 512
 """Bit of `mode`: L is of today's A, and the least shift will do.  The ridge of a minimum norm is as
 small, so that with an old L p is wrong along what has been the null space, by (angle)²/shift."""
-LEAP_AFTER, LATER = 60, 4
+LEAP_AFTER, LATER = 50, 4
 """Descent directions after which a leap is tried, and by what factor more after one in vain.
 
 As many as cost what a leap does, so that at most twice the better choice is lost: a direction takes
 0.4 of a factorization, measured on towers and heaps with friction; a leap, or interior points, some
-25 factorizations.  Who leaps sooner loses x as well: interior points leave loads that contacts
+20 factorizations.  Who leaps sooner loses x as well: interior points leave loads that contacts
 share close to zero, where the next QPs are blocked (a pyramid of 105: 450 µs a QP after 30, 180
-after 60).
+after 50).
 """
 LEAPS = 30
 """Sets F that a leap tries."""
