@@ -25,6 +25,7 @@ from solvers.active_set.workspace import (
     MARK,
     MEMBER,
     N_FLOAT_ROWS,
+    OLD_MEMBER,
     PAST,
     SORTED,
     TOUCHED,
@@ -37,7 +38,12 @@ BITS = 64
 """Of an entry of TOUCHED: each stands for a row of A, or for several next to each other."""
 UNROLLED = 4
 """Rows that are multiplied together, which entries of FROM and PAST count by."""
-FEW, SHORT = 16, 0.45
+NOTHING, COLUMNS, LONG, SHORT = range(4)
+HAS_L = 4
+"""What is known of today's A: nothing; its columns are in B; and they are long; and they are short,
+so that H of the rows that were free in the last QP is of use where F is another.  A bit beside
+these: so is L."""
+FEW, REACH = 16, 0.45
 """Of fewer columns, or such as reach on average over more of the rows, all are multiplied whole, in
 the order in which they come.  Those of contacts reach over 0.1 to 0.4 of them, measured, those of
 robots' joints over more than half."""
@@ -77,7 +83,7 @@ def find_entries(A, I, mp):
         start[j] = place_of(bits & (~bits + np.uint64(1))) * together // UNROLLED
         past[j] = min((place_of(bits & ~above) + 1) * together + UNROLLED - 1, mp) // UNROLLED
         groups += past[j] - start[j]
-    if k >= FEW and UNROLLED * groups <= SHORT * mp * k:
+    if k >= FEW and UNROLLED * groups <= REACH * mp * k:
         sort_columns(I, mp, k)
         return True
     for j in range(k):
@@ -129,7 +135,7 @@ def product(S, I, i, j, mp, short):
 @stage
 def take_gram_of_free(A, S, I, mp):
     """H_FF but for its diagonal, by columns, and row EDGE: the first of the columns before a column
-    that it has a row in common with."""
+    that it has a row in common with.  Returns `LONG` or `SHORT`."""
     short = find_entries(A, I, mp)
     touched, order, member = I[TOUCHED], I[SORTED], I[MEMBER]
     for o in range(A.shape[1]):
@@ -144,26 +150,34 @@ def take_gram_of_free(A, S, I, mp):
                 edge = min(edge, e)
             h[i] = value
         I[EDGE, o] = edge
+    return SHORT if short else LONG
 
 
 @stage
-def take_gram(A, S, I, mp):
-    """The whole of H, and row EDGE."""
+def take_gram(A, S, I, mp, known):
+    """The whole of H, and row EDGE.
+
+    known : what is, by `settled.solve_settled`
+    """
     k, H0 = A.shape[1], N_FLOAT_ROWS + 2 * S.shape[1]
-    if find_entries(A, I, mp):
-        touched, order = I[TOUCHED], I[SORTED]
-        for o in range(k):
-            j, edge = order[o], o
-            h, bits = S[H0 + j], touched[j]
-            for e in range(o + 1):
-                i, value = order[e], 0.0
-                if bits & touched[i]:
-                    value = product(S, I, i, j, mp, True)
-                    edge = min(edge, e)
-                h[i] = S[H0 + i, j] = value
-            I[EDGE, o] = edge
-    else:
+    has_H = known & ~HAS_L == SHORT
+    short = find_entries(A, I, mp) if known <= COLUMNS else has_H
+    if not short:
         take_gram_by_fours(S, I, mp, k)
+        return
+    touched, order, old_member = I[TOUCHED], I[SORTED], I[OLD_MEMBER]
+    for o in range(k):
+        j, edge = order[o], o
+        h, bits = S[H0 + j], touched[j]
+        there = has_H and old_member[j] == FREE
+        for e in range(o):
+            i, value = order[e], 0.0
+            if bits & touched[i]:
+                value = h[i] if there and old_member[i] == FREE else product(S, I, i, j, mp, True)
+                edge = min(edge, e)
+            h[i] = S[H0 + i, j] = value
+        h[j] = product(S, I, j, j, mp, True)
+        I[EDGE, o] = edge
 
 
 @stage

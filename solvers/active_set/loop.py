@@ -35,6 +35,7 @@ from solvers.active_set.flops import (
     qr_flops,
     triangular_flops,
 )
+from solvers.active_set.gram import NOTHING
 from solvers.active_set.newton import LEAST, MOST, solve_by_newton
 from solvers.active_set.online_rule import forget, iterations_worth, keep_account
 from solvers.active_set.settled import residual_and_sizes, solve_settled
@@ -699,14 +700,17 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
     S, I = lent(S), lent(I)
     m, k = A.shape
     gram, mp = (mode & GRAM) != 0, (m + LANES - 1) // LANES * LANES
-    if gram and mode & WARM and solve_settled(A, d, lower, upper, row_id, S, I, ROUNDING):
-        return
+    known = NOTHING
+    if gram and mode & WARM:
+        done, known = solve_settled(A, d, lower, upper, row_id, S, I, ROUNDING)
+        if done:
+            return
     warm, fresh = reset(I, mode), (mode & TODAYS_QR) != 0
     if warm:
         map_rows(row_id, I, k)
     redundant = warm and k > m and knows_set(I, m)  # then the last F is seldom far off
     if gram and not mode & CUSTOM and LEAST <= k <= MOST and not redundant:
-        done, reached = solve_by_newton(A, d, lower, upper, row_id, S, I, mp, ROUNDING, warm)
+        done, reached = solve_by_newton(A, d, lower, upper, row_id, S, I, mp, ROUNDING, warm, known)
         if done:
             return
         warm = warm or reached

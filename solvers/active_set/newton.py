@@ -19,7 +19,14 @@ from math import inf, sqrt
 from problems.qp import AT_LOWER, AT_UPPER, FREE
 from solvers.active_set.compiled import kernel, stage
 from solvers.active_set.flops import product_flops, triangular_flops
-from solvers.active_set.gram import factorize_gram, solve_gram, take_columns, take_gram
+from solvers.active_set.gram import (
+    HAS_L,
+    NOTHING,
+    factorize_gram,
+    solve_gram,
+    take_columns,
+    take_gram,
+)
 from solvers.active_set.settled import leave, refine
 from solvers.active_set.tolerances import NEAR_ZERO
 from solvers.active_set.workspace import (
@@ -54,28 +61,32 @@ FEW, SHARE_OF_K, MANY, WARM_STEPS = 4, 0.5, 30, 8
 
 
 @kernel
-def solve_by_newton(A, d, lower, upper, row_id, S, I, mp, rounding_unit, warm):
+def solve_by_newton(A, d, lower, upper, row_id, S, I, mp, rounding_unit, warm, known):
     """Try to solve a QP; returns whether its KKT conditions hold, else whether row X holds what was
     reached, in row OLD_MEMBER the sets, and in row PREVIOUS that it is of this QP.
 
     warm : x and the sets of rows PREVIOUS are known
+    known : what is known of A (`gram`)
     """
     m, k = A.shape
     counts = I[COUNTS]
-    take_columns(A, d, S, mp)
-    take_gram(A, S, I, mp)
+    if known == NOTHING:
+        take_columns(A, d, S, mp)
+    take_gram(A, S, I, mp, known)
     take_slopes(S, mp, k)
     counts[FLOPS] += m * k * k
     objective = place(lower, upper, S, I, k, warm)
     choose_free(lower, upper, S, I, k, True)
+    has_L = known & HAS_L != 0 and is_last_F(I, k)
     left = WARM_STEPS if warm else min(FEW + int(SHARE_OF_K * k), MANY)
     before = inf
     # where the objective no longer falls, columns were left out that are wanted
     while left > 0 and before - objective > NEAR_ZERO * abs(objective):
         before = objective
-        f, stopped, objective, left = newton_steps(lower, upper, S, I, m, k, objective, left)
+        f, stopped, objective, left = newton_steps(lower, upper, S, I, m, k, objective, left, has_L)
+        has_L = False
         if stopped == 0 and wrong_signs(lower, upper, S, I, k) == 0:
-            right, _ = refine(A, lower, upper, S, I, m, mp, k, f, True, rounding_unit)
+            right, _, _ = refine(A, lower, upper, S, I, m, mp, k, f, True, rounding_unit)
             if right:
                 leave(row_id, lower, upper, S, I, k)
                 return True, True
@@ -158,16 +169,30 @@ def choose_free(lower, upper, S, I, k, first):
 
 
 @stage
-def newton_steps(lower, upper, S, I, m, k, objective, left):
+def is_last_F(I, k):
+    """Whether the free rows are those that were in the last QP."""
+    same = True
+    for j in range(k):
+        same = same and (I[MEMBER, j] == FREE) == (I[OLD_MEMBER, j] == FREE)
+    return same
+
+
+@stage
+def newton_steps(lower, upper, S, I, m, k, objective, left, has_L):
     """Newton steps on F, `left` of them at most, until one is not stopped, or is worth bending.
+
+    has_L : whether row F and L are there already
 
     Returns |F|, how many rows were stopped in the last one, the objective, and how many are left.
     """
     counts, x, y = I[COUNTS], S[Z], S[STEP]
     f, stopped = 0, 1
+    for j in range(k if has_L else 0):
+        f += I[MEMBER, j] == FREE
     while stopped > 0 and left > 0:
         left -= 1
-        f = factorize_gram(S, I, m, k)
+        f = f if has_L else factorize_gram(S, I, m, k)
+        has_L = False
         newton_point(S, I, k, f)
         for j in range(k):
             y[j] = x[j]

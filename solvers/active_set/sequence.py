@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from problems.kernels.numba_internals import in_rows, lent, read_only
+from problems.kernels.numba_internals import in_place, in_rows, lent, read_only
 from problems.qp import ContactQP, Indices, Vector
 from problems.qp_kernel import WARM, X, method_at
 from problems.short import Short
@@ -99,29 +99,53 @@ class SequenceSolution(Short):
         return {"QPs": self.k.size, "solved": int(self.solved.sum())}
 
 
+class Flat(NamedTuple):
+    """The arrays of `PackedQPs`, as compiled code takes them."""
+
+    m: Indices
+    k: Indices
+    A: Vector
+    d: Vector
+    lower: Vector
+    upper: Vector
+    row_id: Indices
+    eps0: Vector
+
+
+class Found(NamedTuple):
+    """What is found: x of all, and of each whether it was solved and its descent directions."""
+
+    x: Vector
+    solved: NDArray[np.bool_]
+    directions: Indices
+
+
 @kernel
-def solve_all(method, m, k, A, d, lower, upper, row_id, eps0, S, I, mode, warm, x, solved, count):
-    """Each QP by the method at an address, in a room that is large enough for all."""
-    solve = method_at(method)
-    A, d, lower, upper = lent(A), lent(d), lent(lower), lent(upper)
-    row_id, S, I = lent(row_id), lent(S), lent(I)
+def solve_all(method, qps, found, S, I, mode, warm):
+    """Each QP by the method at an address, in a room that is large enough for all.
+
+    qps : `Flat`;  found : `Found`, which is written to
+    """
+    solve, S, I = method_at(method), lent(S), lent(I)
+    qps, found = in_place(lent(qps)), in_place(lent(found))
+    m, k = qps.m, qps.k
     entry = row = column = 0
     for i in range(m.size):
         end_row, end = row + m[i], column + k[i]
-        solved[i] = solve(
-            read_only(in_rows(A[entry : entry + m[i] * k[i]], m[i], k[i])),
-            read_only(d[row:end_row]),
-            read_only(lower[column:end]),
-            read_only(upper[column:end]),
-            read_only(row_id[column:end]),
+        found.solved[i] = solve(
+            read_only(in_rows(qps.A[entry : entry + m[i] * k[i]], m[i], k[i])),
+            read_only(qps.d[row:end_row]),
+            read_only(qps.lower[column:end]),
+            read_only(qps.upper[column:end]),
+            read_only(qps.row_id[column:end]),
             S,
             I,
-            eps0[i],
+            qps.eps0[i],
             mode | WARM if warm and i > 0 else mode,
         )
-        count[i] = I[COUNTS, DIRECTIONS]
+        found.directions[i] = I[COUNTS, DIRECTIONS]
         for j in range(k[i]):
-            x[column + j] = S[X, j]
+            found.x[column + j] = S[X, j]
         entry, row, column = entry + m[i] * k[i], end_row, end
 
 
@@ -145,11 +169,9 @@ def solve_sequence(
             'solve it by make_solver("glambda"), which is no slower then'
         )
     n = len(packed)
-    x, solved, count = np.empty(packed.k.sum()), np.zeros(n, np.bool_), np.zeros(n, np.int64)
+    found = Found(np.empty(packed.k.sum()), np.zeros(n, np.bool_), np.zeros(n, np.int64))
     room = make_workspace(int(packed.m.max(initial=0)), largest)
     eps0 = packed.eps0 if accuracy is None else np.full(n, float(accuracy))
-    solve_all(
-        *(method.solve, packed.m, packed.k, packed.A, packed.d, packed.lower, packed.upper),
-        *(packed.row_id, eps0, room.S, room.I, method.mode, warm, x, solved, count),
-    )
-    return SequenceSolution(x, packed.k, solved, count)
+    qps = Flat(*(getattr(packed, name) for name in Flat._fields[:-1]), eps0)
+    solve_all(method.solve, qps, found, room.S, room.I, method.mode, warm)
+    return SequenceSolution(found.x, packed.k, found.solved, found.directions)

@@ -15,7 +15,15 @@ from math import sqrt
 from problems.qp import AT_LOWER, AT_UPPER, FREE, PASSIVE
 from solvers.active_set.compiled import stage
 from solvers.active_set.flops import product_flops, triangular_flops
-from solvers.active_set.gram import factorize_gram, solve_gram, take_columns, take_gram_of_free
+from solvers.active_set.gram import (
+    COLUMNS,
+    HAS_L,
+    NOTHING,
+    factorize_gram,
+    solve_gram,
+    take_columns,
+    take_gram_of_free,
+)
 from solvers.active_set.workspace import (
     COUNTS,
     DIRECTIONS,
@@ -45,7 +53,8 @@ REFINEMENTS = 4
 
 @stage
 def solve_settled(A, d, lower, upper, row_id, S, I, rounding_unit):
-    """Try to solve a QP on the F of the one before; True when its KKT conditions hold.
+    """Try to solve a QP on the F of the one before; whether its KKT conditions hold, and what is
+    known of A (`gram`).
 
     rounding_unit : rounding in Δ, in units of ‖ |A||x| + |d| ‖
 
@@ -54,10 +63,10 @@ def solve_settled(A, d, lower, upper, row_id, S, I, rounding_unit):
     m, k = A.shape
     counts, old_row, old_member = I[COUNTS], I[OLD_ROW], I[OLD_MEMBER]
     if counts[OLD_K] != k:
-        return False
+        return False, NOTHING
     for j in range(k):
         if old_row[j] != row_id[j]:
-            return False
+            return False, NOTHING
     x, old_x, member, free = S[Z], S[X], I[MEMBER], I[F]
     f = 0
     for j in range(k):
@@ -66,22 +75,22 @@ def solve_settled(A, d, lower, upper, row_id, S, I, rounding_unit):
             free[f] = j
             f += 1
             if lower[j] >= upper[j]:
-                return False
+                return False, NOTHING
         elif side == AT_LOWER:
             value = lower[j]
         elif side == AT_UPPER:
             value = upper[j]
         if not lower[j] <= value <= upper[j] or abs(value) > 1e300:
-            return False
+            return False, NOTHING
         x[j] = value
         member[j] = side
     if f > m:
-        return False
+        return False, NOTHING
     mp = (m + LANES - 1) // LANES * LANES
     take_columns(A, d, S, mp)
-    right, tried = refine(A, lower, upper, S, I, m, mp, k, f, False, rounding_unit)
+    right, tried, known = refine(A, lower, upper, S, I, m, mp, k, f, False, rounding_unit)
     if not right:
-        return False
+        return False, known
     for i in range(DIRECTIONS, FLOPS + 1):
         counts[i] = 0
     counts[DIRECTIONS] = counts[FACTORIZATIONS] = 1 if tried else 0
@@ -90,7 +99,7 @@ def solve_settled(A, d, lower, upper, row_id, S, I, rounding_unit):
     if tried:
         counts[FLOPS] += m * f * f + f * f * f // 3
     leave(row_id, lower, upper, S, I, k)
-    return True
+    return True, known
 
 
 @stage
@@ -99,15 +108,16 @@ def refine(A, lower, upper, S, I, m, mp, k, f, factorized, rounding_unit):
 
     factorized : whether L D Lᵀ of H_FF is there
 
-    Returns whether the KKT conditions hold to rounding, and how many steps were made.
+    Returns whether the KKT conditions hold to rounding, how many steps were made, and what is known
+    of A.
     """
     H0, B0 = N_FLOAT_ROWS + 2 * S.shape[1], N_FLOAT_ROWS
     x, r, g, p, free = S[Z], S[RESIDUAL], S[GRADIENT], S[P], I[F]
-    tried, slope_before = 0, 0.0
+    tried, known, slope_before = 0, COLUMNS, 0.0
     while True:
         size_of_terms = residual_and_sizes(S, mp, k, FRESH, RESIDUAL)
         if not size_of_terms < 1e150:
-            return False, tried
+            return False, tried, known
         rounding = rounding_unit * size_of_terms
         slope = 0.0
         for c in range(f):
@@ -122,19 +132,20 @@ def refine(A, lower, upper, S, I, m, mp, k, f, factorized, rounding_unit):
         slope = sqrt(slope)
         if slope <= rounding * sqrt(max(f, 1)):
             if not on_wrong_side(lower, upper, S, I, mp, k, rounding):
-                return True, tried
+                return True, tried, known
             if tried > 0 or f == 0:
-                return False, tried
+                return False, tried, known
             # A_Fᵀ r is rounding, r itself may not be yet
         if tried == REFINEMENTS or (tried > 1 and slope > 0.5 * slope_before):
-            return False, tried
+            return False, tried, known
         slope_before = slope
         tried += 1
         if not factorized:
             factorized = True
-            take_gram_of_free(A, S, I, mp)
+            known = take_gram_of_free(A, S, I, mp)
             if factorize_gram(S, I, m, k) < f:
-                return False, tried
+                return False, tried, known
+            known |= HAS_L
         for c in range(f):
             p[c] = -g[free[c]]
         solve_gram(S, I, f)
@@ -142,7 +153,7 @@ def refine(A, lower, upper, S, I, m, mp, k, f, factorized, rounding_unit):
             j = free[c]
             x[j] += p[c]
             if not lower[j] < x[j] < upper[j]:
-                return False, tried
+                return False, tried, known
 
 
 @stage

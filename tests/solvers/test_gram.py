@@ -28,7 +28,7 @@ SIZES = [(3, 5), (8, 16), (12, 30), (20, 40), (24, 60), (40, 33)]
 @numba.njit
 def whole(A, d, S, I, mp):
     gram.take_columns(A, d, S, mp)
-    gram.take_gram(A, S, I, mp)
+    gram.take_gram(A, S, I, mp, gram.NOTHING)
 
 
 @numba.njit

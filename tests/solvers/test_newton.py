@@ -43,7 +43,7 @@ def compiled(qp: ContactQP, x: np.ndarray | None = None):
         I[OLD_MEMBER, : qp.k] = FREE
     mp = (qp.m + LANES - 1) // LANES * LANES
     done, _ = newton.solve_by_newton(
-        *(qp.dense_A, qp.d, qp.lower, qp.upper, qp.row_id, S, I, mp, U, x is not None)
+        *(qp.dense_A, qp.d, qp.lower, qp.upper, qp.row_id, S, I, mp, U, x is not None, 0)
     )
     return S[X, : qp.k].copy(), I[MEMBER, : qp.k] == FREE, int(I[COUNTS, DIRECTIONS]), done, room
 
