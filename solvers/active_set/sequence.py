@@ -172,6 +172,8 @@ def solve_sequence(
     found = Found(np.empty(packed.k.sum()), np.zeros(n, np.bool_), np.zeros(n, np.int64))
     room = make_workspace(int(packed.m.max(initial=0)), largest)
     eps0 = packed.eps0 if accuracy is None else np.full(n, float(accuracy))
-    qps = Flat(*(getattr(packed, name) for name in Flat._fields[:-1]), eps0)
-    solve_all(method.solve, qps, found, room.S, room.I, method.mode, warm)
+    asked = Flat(
+        *(packed.m, packed.k, packed.A, packed.d, packed.lower, packed.upper, packed.row_id, eps0)
+    )
+    solve_all(method.solve, asked, found, room.S, room.I, method.mode, warm)
     return SequenceSolution(found.x, packed.k, found.solved, found.directions)
