@@ -218,9 +218,9 @@ class ContactQP(Short):
         """A as a dense, read-only C array."""
         if isinstance(self.A, np.ndarray):
             return self.A
-        dense: Vector = self.A.toarray(order="C")
-        dense.setflags(write=False)
-        return dense
+        from problems.kernels.spread import dense_array  # numba, which most of a QP does without
+
+        return dense_array(self.A)
 
     def residual(self, x: ArrayLike) -> Vector:
         """r = A x + d, so that q̇_n = (h/α₀) D⁻¹ r (3.1b)."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from problems.kernels.compiled import places
 from problems.qp import FREE, PASSIVE
-from solvers.active_set.compiled import kernel, stage
+from solvers.active_set.compiled import stage
 from solvers.active_set.tolerances import LEAST_PIVOT
 from solvers.active_set.workspace import (
     BEFORE_IT,
@@ -47,14 +47,6 @@ FEW, REACH = 16, 0.45
 """Of fewer columns, or such as reach on average over more of the rows, all are multiplied whole, in
 the order in which they come.  Those of contacts reach over 0.1 to 0.4 of them, measured, those of
 robots' joints over more than half."""
-
-
-@kernel
-def spread(data, rows, first, A):
-    """The entries of sparse columns into A (m, k), which is 0."""
-    for j in range(A.shape[1]):
-        for e in range(first[j], first[j + 1]):
-            A[rows[e], j] = data[e]
 
 
 @stage

@@ -53,11 +53,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from problems.kernels.compiled import Direct
-from problems.qp import ContactQP, Matrix, Solution, Status, Vector, WorkCounts
+from problems.qp import ContactQP, Matrix, Solution, Status, WorkCounts
 from problems.qp_kernel import WARM
 from solvers.active_set.compiled import entry
-from solvers.active_set.gram import spread
 from solvers.active_set.loop import CUSTOM, EXTRAPOLATED, algorithm_2
 from solvers.active_set.room_answer import answered, staged
 from solvers.active_set.sparse.loop import TODAYS_A, sparse_algorithm_2
@@ -131,21 +129,6 @@ run_dense = entry(
     *("matrix", "vector", "vector", "vector", "indices", "floats", "ints", "float", "int"),
 )
 """`algorithm_2` as a callable that trusts its arguments: `ContactQP` has made sure of them."""
-
-
-spread_columns = {np.dtype(kind): Direct(spread) for kind in (np.int32, np.int64)}
-"""By the type of the indices of a sparse matrix."""
-
-
-def dense_matrix(qp: ContactQP) -> Vector:
-    """`qp.dense_A`, of a sparse A in a tenth of the time that SciPy takes."""
-    A, known = qp.A, vars(qp)
-    if "dense_A" not in known and not isinstance(A, np.ndarray):
-        dense = np.zeros(A.shape)
-        spread_columns[A.indices.dtype](A.data, A.indices, A.indptr, dense)
-        dense.setflags(write=False)
-        known["dense_A"] = dense
-    return qp.dense_A
 
 
 def is_small_or_full(A: Matrix) -> bool:
@@ -333,7 +316,7 @@ class ActiveSet(Solver):
             self.hand_over(room, qp.t)
         eps0 = -1.0 if asked is None else asked
         return (
-            (dense_matrix(qp), d, lower, qp.upper, qp.row_id, room.S, room.I, eps0, mode),
+            (qp.dense_A, d, lower, qp.upper, qp.row_id, room.S, room.I, eps0, mode),
             room,
         )
 

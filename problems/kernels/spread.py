@@ -1,0 +1,30 @@
+"""A sparse matrix as a dense array, compiled: SciPy takes longer than a small QP does to solve."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from problems.kernels.compiled import Direct, kernel
+
+
+@kernel
+def spread(data, rows, first, A):
+    """The entries of sparse columns into A (m, k), which is 0."""
+    for j in range(A.shape[1]):
+        for e in range(first[j], first[j + 1]):
+            A[rows[e], j] = data[e]
+
+
+_SPREAD = {np.dtype(kind): Direct(spread) for kind in (np.int32, np.int64)}
+"""By the type of the indices."""
+
+
+def dense_array(A: Any) -> NDArray[np.float64]:
+    """A (m, k), CSC without duplicates, as a read-only C array."""
+    dense = np.zeros(A.shape)
+    _SPREAD[A.indices.dtype](A.data, A.indices, A.indptr, dense)
+    dense.setflags(write=False)
+    return dense
