@@ -98,13 +98,13 @@ class Assembly:
     @property
     def held(self) -> Indices:
         """Numbers of the rows of joints whose multipliers have no bounds."""
-        free = np.isinf(self.rows.lower) & np.isinf(self.rows.upper)
-        return len(self.normals) + np.flatnonzero(free)
+        return len(self.normals) + np.flatnonzero(self.rows.unbounded())
 
     @property
     def yielding(self) -> Indices:
         """Numbers of those that yield at a finite force."""
-        return np.setdiff1d(self.bilateral, self.held)
+        yields = (self.rows.stop == 0) & ~self.rows.unbounded()
+        return len(self.normals) + np.flatnonzero(yields)
 
     # --- products with G -------------------------------------------------------------------------
 

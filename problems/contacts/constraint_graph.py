@@ -123,7 +123,8 @@ class ConstraintGraph:
     """Active constraints J_N, J_FO, J_FW and the candidates around them.
 
     candidates : `Candidates`, of which those are free that are not in J_N
-    rows : all rows of joints;  at_stop : the numbers of the stops among them that are in J_N
+    rows : all R rows of joints;  acting : (R,) which of them are in J_N, of stops those reached
+    waiting_stops : numbers of the others
     """
 
     def __init__(
@@ -132,7 +133,8 @@ class ConstraintGraph:
         self.geometry = geometry
         self.mu_of = mu_of
         self.rows = rows
-        self.at_stop: set[int] = set()
+        self.acting = rows.stop == 0
+        self.waiting_stops: Indices = np.flatnonzero(~self.acting)
         self.of_body: dict[int, list[Contact]] = {}
         self.of_pair: dict[tuple[int, int], list[Contact]] = {}
         self.normals: dict[int, Normal] = {}
@@ -300,26 +302,17 @@ class ConstraintGraph:
 
     def row_ids(self) -> tuple[Indices, Indices]:
         """Those of the active normals (N,) and frictions (F,), in order."""
-        joints = JOINT_IDS + self.acting_rows()
+        joints = JOINT_IDS + np.flatnonzero(self.acting)
         ids = sorted(self.normals), sorted(self.frictions)
         return np.array([*ids[0], *joints], dtype=np.int64), np.array(ids[1], dtype=np.int64)
 
     # --- joints ----------------------------------------------------------------------------------
 
-    def acting_rows(self) -> Indices:
-        """Numbers of the rows of joints that are in J_N, stops only where they are reached."""
-        stops = self.rows.stop != 0
-        reached = np.isin(np.arange(stops.size), list(self.at_stop))
-        return np.flatnonzero(~stops | reached)
-
-    def waiting_stops(self) -> Indices:
-        """Numbers of the stops that are not in J_N."""
-        return np.setdiff1d(np.flatnonzero(self.rows.stop), list(self.at_stop))
-
     def set_stop(self, row: int, reached: bool) -> None:
         """Let a stop come into J_N, or leave it."""
         self._change()
-        (self.at_stop.add if reached else self.at_stop.discard)(row)
+        self.acting[row] = reached
+        self.waiting_stops = np.flatnonzero(~self.acting)
 
     def active(self) -> list[Normal]:
         """J_N in the order of row_id."""
@@ -334,7 +327,9 @@ class ConstraintGraph:
             number = {friction.row_id: j for j, friction in enumerate(frictions)}
             rubs = (n.contact.friction for n in normals)
             place = np.array([n.place for n in normals], dtype=np.int64).reshape(-1, 3)
-            acting = self.acting_rows()
+            acting, feature = np.flatnonzero(self.acting), self.geometry.features(place)
+            if acting.size:
+                feature = np.concatenate([feature, joint_features(self.rows, acting)])
             normal_ids = [*index, *(JOINT_IDS + acting).tolist()]
             bounds = [-1 if f is None else number[f.row_id] for f in rubs]
             self._active = ActiveSet(
@@ -343,9 +338,7 @@ class ConstraintGraph:
                 normal_ids=np.array(normal_ids, dtype=np.int64),
                 friction_ids=np.array(list(number), dtype=np.int64),
                 place=place,
-                feature=np.concatenate(
-                    [self.geometry.features(place), joint_features(self.rows, acting)]
-                ),
+                feature=feature,
                 friction_of=np.array([*bounds, *[JOINT] * acting.size], dtype=np.int64),
                 first=np.array(
                     [index[f.contact.normals[0].row_id] for f in frictions], dtype=np.int64

@@ -54,7 +54,7 @@ from problems.contacts.geometry_kernels import (
     least_overlap,
     oval_from,
     past_tip,
-    place_corners,
+    place_into,
 )
 from problems.contacts.round_kernels import oval_clearance, support
 from problems.qp import Indices, Vector
@@ -93,6 +93,11 @@ class Pose(NamedTuple):
     cosine: Vector
     sine: Vector
 
+    @classmethod
+    def of(cls, C: int, n: int) -> Pose:
+        """Room for C corners of n bodies."""
+        return cls(np.empty((C, 5)), np.empty((n + 1, 2)), np.empty(n + 1), np.empty(n + 1))
+
 
 class Columns(NamedTuple):
     """Constraint values and columns of a set of corner–edge pairs.
@@ -109,6 +114,14 @@ class Columns(NamedTuple):
     bodies: Indices
     along: Vector
     length: Vector
+
+    @classmethod
+    def of(cls, N: int) -> Columns:
+        """Room for N of them."""
+        bodies = np.empty((N, 2), np.int64)
+        return cls(
+            *(np.empty(N), np.empty((N, 6)), np.empty((N, 6)), bodies, np.empty(N), np.empty(N))
+        )
 
 
 class Geometry:
@@ -197,7 +210,9 @@ class Geometry:
 
     def pose(self, q: Vector) -> Pose:
         """Place everything at q (3n,)."""
-        return Pose(*place_corners(np.ascontiguousarray(q), self.corner_body, self.corner_local))
+        pose = Pose.of(len(self.corner_body), self.n_bodies)
+        place_into(np.ascontiguousarray(q), self.corner_body, self.corner_local, *pose)
+        return pose
 
     def distances(self, pose: Pose, corner: Indices, part: Indices) -> Vector:
         """φ of each corner against every edge of its part, (N, E); −inf where there is no edge."""
@@ -220,14 +235,15 @@ class Geometry:
 
     def columns_at(self, pose: Pose, places: Indices) -> Columns:
         """The same for places (N, 3): corner, part, edge."""
-        return Columns(
-            *contact_columns(
-                *pose,
-                places,
-                *(self.corner_body, self.part_body),
-                *(self.edge_normal, self.edge_offset, self.edge_start, self.edge_length),
-            )
+        columns = Columns.of(len(places))
+        contact_columns(
+            *pose,
+            places,
+            *(self.corner_body, self.part_body),
+            *(self.edge_normal, self.edge_offset, self.edge_start, self.edge_length),
+            tuple(columns),
         )
+        return columns
 
     def depth_below(self, pose: Pose, part: int, edge: int, other: int) -> float:
         """min over the corners of part `other` of φ against one edge: > 0 if the edge separates."""
@@ -313,12 +329,13 @@ class Geometry:
 
     def direction(self, pose: Pose, part: int, edge: int) -> Vector:
         """τ of one edge, (2,); NaN, parallel to nothing, of a corner or what is round."""
-        if edge >= self.edge_offset.shape[1] or not self.edge_normal[part, edge].any():
+        straight = edge < self.edge_offset.shape[1]
+        n_x, n_y = self.edge_normal[part, edge].tolist() if straight else (0.0, 0.0)
+        if n_x == n_y == 0.0:
             return np.full(2, np.nan)
         b = self.part_body[part]
-        x, y = rotate_quarter(self.edge_normal[part, edge])
-        c, s = pose.cosine[b], pose.sine[b]
-        return np.array([c * x - s * y, s * x + c * y])
+        c, s = float(pose.cosine[b]), float(pose.sine[b])
+        return np.array([c * -n_y - s * n_x, s * -n_y + c * n_x])
 
     def near_corners(self, pose: Pose, margin: float) -> tuple[Indices, Indices]:
         """Corners and parts (L,), (L,) of different bodies within `margin` of each other."""

@@ -25,18 +25,25 @@ def place_corners(q, body, local, arena=None):
     """
     n = q.size // 3
     centres, cosine, sine = table(arena, n + 1, 2), numbers(arena, n + 1), numbers(arena, n + 1)
+    corners = table(arena, local.shape[0], 5)
+    place_into(q, body, local, corners, centres, cosine, sine)
+    return corners, centres, cosine, sine
+
+
+@kernel
+def place_into(q, body, local, corners, centres, cosine, sine):
+    """The same, written to these."""
+    n = q.size // 3
     centres[n, 0], centres[n, 1], cosine[n], sine[n] = 0.0, 0.0, 1.0, 0.0
     for b in range(n):
         centres[b, 0], centres[b, 1] = q[3 * b], q[3 * b + 1]
         cosine[b], sine[b] = np.cos(q[3 * b + 2]), np.sin(q[3 * b + 2])
-    corners = table(arena, local.shape[0], 5)
     for i in range(local.shape[0]):
         b, x, y = body[i], local[i, 0], local[i, 1]
         corners[i, 0] = centres[b, 0] + cosine[b] * x - sine[b] * y
         corners[i, 1] = centres[b, 1] + sine[b] * x + cosine[b] * y
         corners[i, 2] = local[i, 2]
         corners[i, 3], corners[i, 4] = cosine[b] * local[i, 3], sine[b] * local[i, 3]
-    return corners, centres, cosine, sine
 
 
 @kernel
@@ -195,19 +202,14 @@ def contact_columns(
     offset,
     start,
     length,
-    columns=None,
+    columns,
 ):
     """`Columns` of places (N, 3): φ, g_N, g_F (N, 6), bodies (N, 2), along, length.
 
     columns : what they are written to
     """
-    count = places.shape[0]
-    if columns is None:
-        six, two = (count, 6), np.empty((count, 2), np.int64)
-        gap, at, size = np.empty(count), np.empty(count), np.empty(count)
-        columns = gap, np.empty(six), np.empty(six), two, at, size
     phi, g_N, g_F, bodies, along, lengths = columns
-    for i in range(count):
+    for i in range(places.shape[0]):
         corner, p, e = places[i, 0], places[i, 1], places[i, 2]
         a, b = corner_body[corner], part_body[p]
         c, s = cosine[b], sine[b]
@@ -230,7 +232,14 @@ def contact_columns(
         g_F[i, 0], g_F[i, 1], g_F[i, 2] = -ny, nx, ax * nx + ay * ny
         g_F[i, 3], g_F[i, 4], g_F[i, 5] = ny, -nx, -bx * nx - by * ny
         bodies[i, 0], bodies[i, 1] = a, b
-    return columns
+
+
+@kernel
+def room_for_columns(count):
+    """φ, g_N, g_F, bodies, along and length of so many columns, of any value."""
+    six, two = (count, 6), np.empty((count, 2), np.int64)
+    gap, at, size = np.empty(count), np.empty(count), np.empty(count)
+    return gap, np.empty(six), np.empty(six), two, at, size
 
 
 @kernel

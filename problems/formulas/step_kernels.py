@@ -12,6 +12,7 @@ from problems.contacts.geometry_kernels import (
     column_speeds,
     contact_columns,
     least_overlap,
+    room_for_columns,
 )
 from problems.kernels.arena import numbers
 from problems.kernels.compiled import kernel
@@ -118,11 +119,12 @@ def next_overlap(begin, pairs, allowed, motion, pose, places, parts, tables):
             held |= places[j, 0] == c and places[j, 1] == p and places[j, 2] == e
         if held:
             continue
-        g_N, _, bodies = contact_columns(
+        columns = room_for_columns(1)
+        contact_columns(
             *(*pose, np.array([[c, p, e]]), corner_body, part_body),
-            *(normal, offset, start, length),
-        )[1:4]
-        if column_speeds(g_N, bodies, velocity + 2 * h * curvature)[0] < 0.0:
+            *(normal, offset, start, length, columns),
+        )
+        if column_speeds(columns[1], columns[3], velocity + 2 * h * curvature)[0] < 0.0:
             return i
     return -1
 

@@ -9,7 +9,7 @@ F = 0 the kinetic energy changes by −½‖AΛ‖², never upwards, whatever μ
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from problems.contacts.active_kernels import JOINT
 from problems.contacts.assembly import Assembly
 from problems.friction.newton_coulomb import newton_coulomb_impulse
-from problems.qp import Vector
+from problems.qp import Indices, Vector
 from problems.sequence import QPSequence
 
 ImpulseRule = Literal["paper", "newton_coulomb"]
@@ -30,31 +30,49 @@ LARGE_IDENTITY = 1000
 whose x are the normal multipliers then."""
 
 
-def cone_generators(
-    assembly: Assembly, mu_I: float
-) -> tuple[sp.csr_array, np.ndarray, np.ndarray, np.ndarray]:
-    """V (N + F, p) with Λ = V c over [normals, frictions], and per generator its normal, friction
-    (or −1) and `direction` as in `ContactQP.feature`.  Returns V, normal, friction, direction."""
-    n_normals, n_frictions = assembly.count, len(assembly.frictions)
-    friction_of = assembly.friction_of
-    slips = (friction_of >= 0) & (mu_I > 0)
-    normal = np.repeat(np.arange(n_normals), np.where(slips, 2, 1))
+class Generators(NamedTuple):
+    """V (N + F, p) with Λ = V c over [normals, frictions].
+
+    entries, row, column : of V
+    normal, direction : (p,) of each generator, the second as in `ContactQP.feature`
+    """
+
+    entries: Vector
+    row: Indices
+    column: Indices
+    normal: Indices
+    direction: Indices
+
+    def multipliers(self, c: Vector, count: int) -> Vector:
+        """V c (N + F,)."""
+        forces = self.entries * c[self.column]
+        return np.bincount(self.row, forces, count).astype(np.float64, copy=False)
+
+    def dense(self, count: int) -> Vector:
+        """V as an array, of so many rows."""
+        V = np.zeros((count, self.normal.size))
+        V[self.row, self.column] = self.entries
+        return V
+
+    def sparse(self, count: int) -> sp.csr_array:
+        """V in sparse rows, so many."""
+        at = self.row, self.column
+        return sp.csr_array((self.entries, at), shape=(count, self.normal.size))
+
+
+def cone_generators(assembly: Assembly, mu_I: float) -> Generators:
+    """(1, ± μ_I) for each normal with friction, 1 for the others."""
+    slips = (assembly.friction_of >= 0) & (mu_I > 0)
+    normal = np.repeat(np.arange(slips.size), np.where(slips, 2, 1))
     second = np.append(False, normal[1:] == normal[:-1])
     direction = np.where(slips[normal], 2 + second, 0)
-    friction = np.where(slips[normal], friction_of[normal], -1)
-    column = np.arange(normal.size)
-    tilted = np.flatnonzero(friction >= 0)
-    V = sp.csr_array(
-        (
-            np.append(np.ones(normal.size), np.where(direction[tilted] == 2, mu_I, -mu_I)),
-            (
-                np.append(normal, n_normals + friction[tilted]),
-                np.append(column, tilted),
-            ),
-        ),
-        shape=(n_normals + n_frictions, normal.size),
+    tilted = np.flatnonzero(direction)
+    return Generators(
+        np.append(np.ones(normal.size), np.where(second[tilted], -mu_I, mu_I)),
+        np.append(normal, slips.size + assembly.friction_of[normal[tilted]]),
+        np.append(np.arange(normal.size), tilted),
+        *(normal, direction),
     )
-    return V, normal, friction, direction
 
 
 def solve_impulse(
@@ -71,14 +89,15 @@ def solve_impulse(
     accuracy = IMPULSE_ACCURACY * max(1.0, float(np.linalg.norm(D * v)))
     if rule == "newton_coulomb" and mu_I > 0 and assembly.frictions:
         return newton_coulomb_impulse(qps, assembly, D, mu_I, v, F, t, accuracy)
-    V, normal, _, direction = cone_generators(assembly, mu_I)
+    V = cone_generators(assembly, mu_I)
+    normal, direction, rows = V.normal, V.direction, assembly.count + len(assembly.frictions)
     every = np.arange(assembly.count), np.arange(len(assembly.frictions))
     columns = assembly.scaled(*every, D)
-    A = sp.csc_array(columns @ V) if sp.issparse(columns) else columns @ V.toarray()
+    A = sp.csc_array(columns @ V.sparse(rows)) if sp.issparse(columns) else columns @ V.dense(rows)
     feature = assembly.active.feature[normal]
     contacts = assembly.friction_of[normal] != JOINT
     feature[contacts, 4] = direction[contacts]
-    count = V.shape[1]
+    count = normal.size
     lower, upper = np.zeros(count), np.full(count, np.inf)
     lower[~contacts], upper[~contacts] = assembly.rows.impulse_bounds()
     identity = mu_I == 0 or not assembly.frictions
@@ -90,10 +109,10 @@ def solve_impulse(
         row_id=4 * assembly.normal_ids[normal] + direction,
         feature=feature,
         D=D,
-        generators=None if identity and count > LARGE_IDENTITY else V.toarray(),
+        generators=None if identity and count > LARGE_IDENTITY else V.dense(rows),
         kind="impulse",
         t=t,
         eps0=accuracy,
     )
     c = np.asarray(solution.x)
-    return qp.residual(c) / D, V @ c
+    return qp.residual(c) / D, V.multipliers(c, rows)

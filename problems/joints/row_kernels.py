@@ -7,6 +7,7 @@ from math import inf
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from problems.kernels.compiled import kernel
 from problems.qp import Indices, Vector
@@ -46,6 +47,10 @@ class Rows(NamedTuple):
     def take(self, numbers: Indices) -> Rows:
         """Some of the rows."""
         return Rows._make(part[numbers] for part in self)
+
+    def unbounded(self) -> NDArray[np.bool_]:
+        """Which (R,) have multipliers without bounds."""
+        return np.isinf(self.lower) & np.isinf(self.upper)
 
     def impulse_bounds(self) -> tuple[Vector, Vector]:
         """Bounds (R,) of impulses: what yields at a finite force bears none."""

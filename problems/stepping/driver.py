@@ -97,6 +97,8 @@ class Driver:
         self._run: Steps
         self._active: ActiveSet
         self._places: Places | None = None
+        self._stops = Stops.of(system.graph.rows.take(system.graph.waiting_stops))
+        self._waiting = system.graph.waiting_stops
         self._posed: PosedPasses | None = None
 
     def begin(self, end: float) -> None:
@@ -224,7 +226,7 @@ class Driver:
             multipliers=self._multipliers[: MOST * rows].reshape(MOST, rows),
             scratch=self._scratch,
             rows=active.rows,
-            stops=Stops.of(graph.rows.take(graph.waiting_stops())),
+            stops=self._room_for_stops(),
         )
 
     def cut(self, h: float, places: Places) -> None:
@@ -268,6 +270,14 @@ class Driver:
             layout.room[asks] = passes, ends
         passes, ends = layout.room[asks]
         return passes._replace(frictions=frictions, arena=self._arena), ends
+
+    def _room_for_stops(self) -> Stops:
+        """What stops that are not reached are watched with, the same arrays while they are."""
+        waiting = self.system.graph.waiting_stops
+        if waiting is not self._waiting:
+            self._waiting = waiting
+            self._stops = Stops.of(self.system.graph.rows.take(waiting))
+        return self._stops
 
     # --- meanwhile -----------------------------------------------------------------------------
 
@@ -335,8 +345,10 @@ class Driver:
 
     def last_step(self, settled: bool = True) -> VelocityStep:
         """The step or trial that has ended."""
-        run, assembly, trial = self._run, self._assembly(), self.trial
+        run, system, trial = self._run, self.system, self.trial
         passes, ends = run.passes, run.ends
+        here = settled and self._active is system.graph.active_set()
+        assembly = system.assembly() if here else self._assembly()
         return VelocityStep(
             t=float(trial["t"]),
             h=float(trial["h"]),

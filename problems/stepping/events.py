@@ -162,7 +162,7 @@ def contacts_ahead(
 
 def stop_crossings(graph: ConstraintGraph, path: Path, h: float) -> Crossings:
     """Where on a path to h stops are reached that are not active, and their numbers."""
-    waiting = graph.waiting_stops()
+    waiting = graph.waiting_stops
     before, after = (rows_at(graph.rows.take(waiting), path(step))[0] for step in (0.0, h))
     found: Crossings = []
     for i in np.flatnonzero(ends_inside(before, after)):
@@ -178,7 +178,7 @@ def stop_crossings(graph: ConstraintGraph, path: Path, h: float) -> Crossings:
 
 def touching_stops(graph: ConstraintGraph, q: Vector, v: Vector, slowest: float) -> list[int]:
     """Numbers of the stops that are not active, touch at q and approach with q̇ = v."""
-    waiting = graph.waiting_stops()
+    waiting = graph.waiting_stops
     if waiting.size == 0:
         return []
     phi, entries, bodies = rows_at(graph.rows.take(waiting), q)

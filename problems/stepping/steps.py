@@ -32,6 +32,7 @@ from problems.contacts.geometry_kernels import (
     gather_columns,
     own_gains,
     place_corners,
+    room_for_columns,
     rows_of,
 )
 from problems.contacts.path_kernels import (
@@ -310,14 +311,16 @@ def first_guess(run):
         # a force may jump where the step begins: it is the one after
         fall[i] = 0.5 * passes.inverse_mass[i] * run.ends.forces_before[i]
     path_end(state.q, state.v, fall, h, free)
-    then = contact_columns(
+    then = room_for_columns(contacts.place.shape[0])
+    contact_columns(
         *pose_of(run, free),
         contacts.place,
         *(shapes.corner_body, shapes.part_body, shapes.edge_normal, shapes.edge_offset),
         *(shapes.edge_start, shapes.edge_length),
-    )[0]
+        then,
+    )
     compliance = compliances(*passes.normals, passes.inverse_mass, arena)
-    passes.lam_star[:] = spring_loads(run.ends.phi, then, compliance, h, arena)
+    passes.lam_star[:] = spring_loads(run.ends.phi, then[0], compliance, h, arena)
 
 
 @stage

@@ -80,6 +80,7 @@ class System:
         self._looked_at = 0, 0.0  # steps and t when progress was last looked at
         self.rest_since = np.inf
         self.stretches: list[Stretch] = []
+        self._here: Assembly | None = None
         self.shapes = Shapes.of(self.graph.geometry)
 
     def force(self, q: Vector, v: Vector, t: float) -> Vector:
@@ -91,11 +92,17 @@ class System:
         return _sum_of(self.varying, q, v, t, constant.copy()) if self.varying else constant
 
     def assembly(self) -> Assembly:
-        """The columns at q."""
-        return Assembly(self.graph, self.q)
+        """The columns at q, the same until something changes; no array q is written to again."""
+        active, here = self.graph.active_set(), self._here
+        if here is None or here.q is not self.q or here.active is not active:
+            here = self._here = Assembly(self.graph, self.q, active)
+        return here
 
     def pose(self) -> Pose:
         """Where everything is at q."""
+        here = self._here
+        if here is not None and here.q is self.q:
+            return here.pose
         return self.graph.geometry.pose(self.q)
 
     def finish(self) -> Run:

@@ -296,9 +296,10 @@ class Transitions:
             return
         lean = assembly.columns.phi / self.system.drift_time
         closing = speed + np.maximum(lean, 0.0)
-        held = assembly.held
-        closing[held] = -np.abs(speed[held] + lean[held])
-        closing[assembly.yielding] = 0.0
+        if assembly.rows.kind.size:
+            held = assembly.held
+            closing[held] = -np.abs(speed[held] + lean[held])
+            closing[assembly.yielding] = 0.0
         if closing.min() < -APPROACHING * self.system.options.eps:
             i = int(np.argmin(closing))
             raise SimulationError(

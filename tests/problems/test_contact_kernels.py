@@ -18,6 +18,7 @@ from problems.contacts.geometry_kernels import (
     edge_distances,
     own_gains,
     place_corners,
+    room_for_columns,
     sparse_columns,
 )
 
@@ -106,7 +107,8 @@ def test_columns(case):
         [turned(state[j, 2], x) for j, x in zip(b, geometry.edge_origin[part, edge], strict=True)]
     )
     pose = place_corners(q, geometry.corner_body, geometry.corner_local)
-    phi, g_N, g_F, bodies, along, length = contact_columns(
+    phi, g_N, g_F, bodies, along, length = columns = room_for_columns(len(places))
+    contact_columns(
         *pose,
         places,
         geometry.corner_body,
@@ -115,6 +117,7 @@ def test_columns(case):
         geometry.edge_offset,
         geometry.edge_start,
         geometry.edge_length,
+        columns,
     )
     np.testing.assert_array_equal(length, geometry.edge_length[part, edge])
     offset = geometry.edge_offset[part, edge]
