@@ -201,7 +201,10 @@ def solve_posed(p, solve, S, I, eps0, mode):
         p.x[c] = p.least[c] = S[X, c]
     if now.redundant > 0:
         C = cones(frictions) if now.corrects > 0 else np.zeros((0, k))
-        least, more = least_norm(p.A, p.lower, p.upper, p.x, C, arena, solve, mode)
+        least, more = least_norm(
+            *(read_only(p.A), read_only(p.lower), read_only(p.upper), read_only(p.x)),
+            *(C, arena, solve, mode),
+        )
         now.solves += more
         p.least[:] = least
     return True, mode

@@ -110,6 +110,8 @@ class Direct:
 
 SOURCES = sources(defining(Path(__file__).parents[1], "\n@kernel\n"), ["problems"])
 kernel = kernel_decorator(SOURCES)
+"""Handed a literal 0, or an array that may be written to where another call hands one that may not,
+a kernel is compiled once more: hence `np.int64(0)` and `read_only` where kernels call kernels."""
 stage = kernel_decorator(SOURCES, inline="always")
 """A kernel that is a part of one other: its arguments, arrays by the dozen, are not copied."""
 

@@ -223,7 +223,7 @@ def solved_point(E, e, arena, solve, mode):
         *(read_only(A), read_only(d), read_only(lower), read_only(upper)),
         *(read_only(acts), S, I, ACCURACY, mode & ~WARM),
     )
-    z, found = least_distance_point(A, S[X, :count])
+    z, found = least_distance_point(read_only(A), read_only(S[X, :count]))
     return z, found, 1
 
 
