@@ -14,6 +14,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -48,10 +49,15 @@ def cache_folder(sources: Sequence[Path]) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
     FOLDERS.add(folder)
     if not any(folder.iterdir()):
-        print("glambda: compiling kernels, once, up to two minutes …", file=sys.stderr)
-        if LOST:
-            print(f"glambda: {LOST}", file=sys.stderr)
+        _tell_of_compiling()
     return folder
+
+
+@cache
+def _tell_of_compiling() -> None:
+    print("glambda: compiling kernels, once, up to two minutes …", file=sys.stderr)
+    if LOST:
+        print(f"glambda: {LOST}", file=sys.stderr)
 
 
 @contextmanager

@@ -7,9 +7,9 @@ preconditions conjugate gradients, ended by (3.20).
 Not from the paper is what outlives a QP, which goes by size, and when R is given up:
 
 1. Up to `CROSSOVER` columns, cold up to `COLD_CROSSOVER`, up to `THIN_CROSSOVER` where A is thin, F
-   and x only, and no conjugate gradients.
-   A_F is factorized anew at every QP, by normal equations: on the last F by itself (`settled`), by
-   Newton steps that change many rows at once (`newton`), and by QR where these do not end it.
+   and x only, and no conjugate gradients.  A_F is factorized anew at every QP, by normal equations:
+   on the last F by itself (`settled`), by Newton steps that change many rows at once (`newton`),
+   and by QR where these do not end it.
 2. Beyond, where A is dense, R as in the paper, but given up by the online rule (`online_rule`) and
    not by (2 C_QR/C_IT)^½.
 3. Beyond, where A is sparse, a sparse R by Cholesky, given up by the online rule; x of the start is

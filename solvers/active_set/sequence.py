@@ -24,15 +24,8 @@ from solvers.active_set.glambda import SMALL_CALLS, Glambda
 from solvers.active_set.workspace import COUNTS, DIRECTIONS, make_workspace
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class PackedQPs(Short):
-    """QPs one after the other in flat arrays, of Σmk, Σm and Σk entries.
-
-    m, k : (n,) rows and columns of each
-    A : of each its m k entries, row by row
-    d, lower, upper, row_id : of each
-    eps0 : (n,) accuracy in ‖A δx‖ asked of each; negative: the method's default
-    """
+class Flat(NamedTuple):
+    """The arrays of `PackedQPs`, as compiled code takes them."""
 
     m: Indices
     k: Indices
@@ -42,6 +35,16 @@ class PackedQPs(Short):
     upper: Vector
     row_id: Indices
     eps0: Vector
+
+
+class PackedQPs(Short, Flat):
+    """QPs one after the other in flat arrays, of Σmk, Σm and Σk entries.
+
+    m, k : (n,) rows and columns of each
+    A : of each its m k entries, row by row
+    d, lower, upper, row_id : of each
+    eps0 : (n,) accuracy in ‖A δx‖ asked of each; negative: the method's default
+    """
 
     @classmethod
     def of(cls, qps: Iterable[ContactQP]) -> PackedQPs:
@@ -62,14 +65,11 @@ class PackedQPs(Short):
             np.array([qp.eps0 for qp in listed]),
         )
 
-    def __len__(self) -> int:
-        return int(self.m.size)
-
     def _title(self) -> str:
         return "packed"
 
     def _sizes(self) -> dict[str, Any]:
-        return {"QPs": len(self), "columns": int(self.k.max(initial=0))}
+        return {"QPs": self.m.size, "columns": int(self.k.max(initial=0))}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -97,19 +97,6 @@ class SequenceSolution(Short):
 
     def _sizes(self) -> dict[str, Any]:
         return {"QPs": self.k.size, "solved": int(self.solved.sum())}
-
-
-class Flat(NamedTuple):
-    """The arrays of `PackedQPs`, as compiled code takes them."""
-
-    m: Indices
-    k: Indices
-    A: Vector
-    d: Vector
-    lower: Vector
-    upper: Vector
-    row_id: Indices
-    eps0: Vector
 
 
 class Found(NamedTuple):
@@ -168,12 +155,11 @@ def solve_sequence(
             f"a QP of the sequence has {largest} columns, and one call takes up to {SMALL_CALLS}; "
             'solve it by make_solver("glambda"), which is no slower then'
         )
-    n = len(packed)
+    n = packed.m.size
     found = Found(np.empty(packed.k.sum()), np.zeros(n, np.bool_), np.zeros(n, np.int64))
     room = make_workspace(int(packed.m.max(initial=0)), largest)
-    eps0 = packed.eps0 if accuracy is None else np.full(n, float(accuracy))
-    asked = Flat(
-        *(packed.m, packed.k, packed.A, packed.d, packed.lower, packed.upper, packed.row_id, eps0)
-    )
+    asked = Flat(*packed)
+    if accuracy is not None:
+        asked = asked._replace(eps0=np.full(n, float(accuracy)))
     solve_all(method.solve, asked, found, room.S, room.I, method.mode, warm)
     return SequenceSolution(found.x, packed.k, found.solved, found.directions)

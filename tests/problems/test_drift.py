@@ -89,7 +89,7 @@ def test_a_gap_that_baumgarte_closes_is_no_wrong_answer():
     made = scene("fig2", boxes=1, velocity=0.0, pushed=1)
     stepper = Stepper(made, make_solver("glambda"), options)
     stepper.start()
-    stepper.system.q = stepper.system.q + [0.0, 3e-4, 0.0]
+    stepper.system.q = stepper.system.q + np.array([0.0, 3e-4, 0.0])
     stepper.system.history.restart(np.array([0.0, -0.03, 0.0]))
     stepper.advance(1.0)
     assert len(stepper.system.graph.normals) == 2

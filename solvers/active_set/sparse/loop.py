@@ -8,8 +8,9 @@ The steps are those of `method`, with some inner parts exchanged:
    rule (`keep_account`).
 2. Many variables change sides at once.  Step 4 first tries the whole step, cut off at the bounds
    variable by variable, and takes it where the objective falls at least as far as by the step to
-   the first bound; step 8 frees every variable whose sign is wrong by a tenth of the worst.  Where
-   A x did not move after that, one variable at a time enters, as in the paper.
+   the first bound; `glambda` sweeps over all variables then (`sweeps`).  Step 8 frees every
+   variable whose sign is wrong by a tenth of the worst.  Where A x did not move after that, one
+   variable at a time enters, as in the paper.
 3. F may hold columns that depend on each other, so that no set P is needed.  Conjugate gradients
    converge on singular systems that have a solution, and preconditioned by B_Fᵀ B_F + shift · 1,
    which commutes with B_Fᵀ B_F, they find the p of least norm: contacts that share a load share
@@ -66,6 +67,7 @@ from solvers.active_set.sparse.direction import (
 )
 from solvers.active_set.sparse.interior import approach
 from solvers.active_set.sparse.pattern import SLOTS
+from solvers.active_set.sparse.sweeps import SWEEPS, SWEPT, sweep
 from solvers.active_set.sparse.workspace import (
     IN_F,
     KEPT_F,
@@ -428,6 +430,13 @@ def descend_sparse(pattern, Bx, Lx, S, I, m, f, aim, rounding, mode):
 
 
 @stage
+def may_sweep(I, m, k, mode):
+    """Whether no columns are known to depend on each other, and the QP has not gone on for long."""
+    independent = k <= m and I[COUNTS, ORDER] > k and not mode & TODAYS_A
+    return mode & ONLINE and independent and I[COUNTS, DIRECTIONS] <= SWEPT
+
+
+@stage
 def most_wrong_sparse(S, I, k, slope):
     """Step 8: ‖B_Fᵀ r‖ or the largest wrong sign, the largest of who may enter, and which."""
     inside, mark = I[IN_F], I[MARK]
@@ -524,6 +533,10 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
             )
             given_up = max(given_up, age)
             f -= reached
+            if reached > 0 and moved and may_sweep(I, m, k, mode):
+                f = sweep(pattern, Bx, S, I, aim)
+                _, rounding = take_residual_sparse(pattern, Bx, S, m)
+                I[COUNTS, FLOPS] += 4 * (SWEEPS + 1) * pattern.nonzeros
             one_by_one = not moved and (reached > 0 or one_by_one)
             refining = slope if theta == 1.0 and reached == 0 else inf
             continue

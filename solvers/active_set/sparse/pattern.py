@@ -15,7 +15,7 @@ are there.  Inside, columns are numbered by their place in this order.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -110,14 +110,19 @@ def make_pattern(A: sp.csc_array) -> Pattern:
     """Order the columns of A (m, k) and find the pattern of L."""
     m = A.shape[0]
     indptr, indices = np.array(A.indptr, dtype=np.int32), np.array(A.indices, dtype=np.int32)
+    return Pattern(m, indptr, indices, *laid_out(m, indptr, indices))
+
+
+@kernel
+def laid_out(m, indptr, indices):
+    """All of `Pattern` from `order` on."""
     order, (Gp, Gi), (first, front, Rp, Ri, Lp) = analyse(m, indptr, indices)
-    ahead: tuple[Any, ...] = updates(first, front, Rp, Ri)
-    change, entries = change_flops(first, front, Rp, Ri, *ahead[:2])
-    return Pattern(
-        *(m, indptr, indices, order, padded_rows(m, order, indptr, indices)),
-        *(Gp, Gi, places_in_L(Gp, Gi, first, front, Rp, Ri, Lp)),
-        *(first, front, Rp, Ri, Lp, *ahead, change, int(indices.size), entries),
-    )
+    Gx = places_in_L(Gp, Gi, first, front, Rp, Ri, Lp)
+    Up, Ut, Ua, Ub = updates(first, front, Rp, Ri)
+    change, entries = change_flops(first, front, Rp, Ri, Up, Ut)
+    Bi, nonzeros = padded_rows(m, order, indptr, indices), indices.size
+    blocks = first, front, Rp, Ri, Lp
+    return (order, Bi, Gp, Gi, Gx, *blocks, Up, Ut, Ua, Ub, change, nonzeros, entries)
 
 
 @kernel
@@ -135,14 +140,30 @@ def analyse(m, indptr, indices):
     Np, its = transposed(count, Ep, Ei)
     nodes = eliminated(Ep, Ei, Np, its, weight)
     begin, before = coupled(Ep, Ei, Np, its, nodes)
-    nodes = nodes[postorder(*tree(begin, before, weight[nodes]))]
-    begin, before = coupled(Ep, Ei, Np, its, nodes)
+    later = postorder(*tree(begin, before, weight[nodes]))
+    nodes, (begin, before) = nodes[later], renamed(begin, before, later)
     Lp, Li = fill(begin, before)
     place = np.empty(count, np.int64)
     for v in range(count):
         place[nodes[v]] = v
     start, order = transposed(count, np.arange(node.size + 1), place[node])
     return order.astype(np.int64), spread_out(begin, before, start), fronts(Lp, Li, start)
+
+
+@kernel
+def renamed(begin, before, order):
+    """begin, before when node order[v] is called v, in a postorder: before v are the same nodes."""
+    n, place = order.size, np.empty(order.size, np.int32)
+    for v in range(n):
+        place[order[v]] = v
+    starts, named, end = np.empty_like(begin), np.empty_like(before), 0
+    for v in range(n):
+        starts[v] = end
+        for b in range(begin[order[v]], begin[order[v] + 1]):
+            named[end] = place[before[b]]
+            end += 1
+    starts[n] = end
+    return starts, named
 
 
 @kernel
@@ -174,14 +195,18 @@ def spread_out(begin, before, start):
     return Gp, Gi
 
 
-def padded_rows(m: int, order: Indices, indptr: Places, indices: Places) -> Rows:
+@kernel
+def padded_rows(m, order, indptr, indices):
     """Rows of the columns of B, (k, width)."""
-    entries = np.diff(indptr)
-    slot = np.arange(SLOTS * max(1, -(-int(entries.max(initial=0)) // SLOTS)))
-    there = slot < entries[order][:, None]
-    source = np.where(there, indptr[:-1][order][:, None] + slot, 0)
-    found = np.append(indices, np.int32(m))
-    return np.ascontiguousarray(np.where(there, found[source], m), dtype=np.uint32)
+    most = 1
+    for c in order:
+        most = max(most, indptr[c + 1] - indptr[c])
+    Bi = np.full((order.size, SLOTS * ((most + SLOTS - 1) // SLOTS)), np.uint32(m))
+    for place in range(order.size):
+        c = order[place]
+        for l in range(indptr[c], indptr[c + 1]):
+            Bi[place, l - indptr[c]] = indices[l]
+    return Bi
 
 
 @kernel

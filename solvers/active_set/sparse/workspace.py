@@ -24,9 +24,9 @@ LARGEST_SHIFT = 15
 """Rows of S and I for `cholesky`, for `interior` and for `loop.leap`; an entry of row REALS."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class SparseWorkspace:
-    """What one sparse solve hands to the next; updated in place.
+    """What one sparse solve hands to the next; updated in place, for other patterns, too.
 
     pattern : of the QP that was solved
     Bx : (2 k, width) B of that QP, and B of the QP that L was factorized in;  Lx : blocks of L
@@ -43,17 +43,15 @@ class SparseWorkspace:
 def make_sparse_workspace(
     m: int, pattern: Pattern, previous: SparseWorkspace | None = None
 ) -> SparseWorkspace:
-    """Room for QPs of this pattern, with what `previous` remembers of x and its members."""
-    n = max(m + 1, pattern.order.size, 16, 0 if previous is None else previous.S.shape[1])
-    made = SparseWorkspace(
-        pattern,
-        np.zeros((2 * pattern.Bi.shape[0], pattern.Bi.shape[1])),
-        np.empty(pattern.Lp[-1]),
-        np.zeros((DUAL_HIGH + 1, n)),
-        np.zeros((KEPT_F + 1, n), dtype=np.int64),
-    )
+    """Room for QPs of this pattern, with what `previous` remembers of x and its members: the same
+    where that is large enough, as fresh memory costs more than the pattern."""
+    k, width = pattern.Bi.shape
+    Bx, Lx, n = np.zeros((2 * k, width)), np.empty(pattern.Lp[-1]), max(m + 1, k, 16)
+    old = 0 if previous is None else previous.S.shape[1]
+    if previous is not None and n <= old:
+        previous.pattern, previous.Bx, previous.Lx = pattern, Bx, Lx
+        return previous
+    S, I = np.zeros((DUAL_HIGH + 1, n)), np.zeros((KEPT_F + 1, n), dtype=np.int64)
     if previous is not None:
-        old = previous.S.shape[1]
-        made.S[:, :old] = previous.S
-        made.I[:, :old] = previous.I
-    return made
+        S[:, :old], I[:, :old] = previous.S, previous.I
+    return SparseWorkspace(pattern, Bx, Lx, S, I)
