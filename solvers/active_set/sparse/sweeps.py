@@ -4,10 +4,11 @@ Where z + p was cut off at the bounds of some, its neighbours are wrong by as mu
 and find out one direction after the other, each with an L to be changed.  Sweeps, which minimise
 ½‖B z + d‖² one z after the other, tell them at the price of a product with B and Bᵀ each.
 
-Measured, µs per QP without / with them: heaps of 225 and 500 bodies 580 / 360 and 1,570 / 770,
-towers of 110, 225 and 500 with friction 640 / 410, 1,080 / 450 and 6,900 / 2,900.  For columns that
-are independent: those that share a load would share it by the order of the sweeps, and be blocked
-(a pyramid of 105 bodies 180 / 455).
+Measured, µs per QP without / with them: heaps of 225 and 500 bodies, cold, 580 / 360 and
+1,570 / 770; towers of 110, 225 and 500 with friction, warm, in the mean 494 / 172, 390 / 263 and
+2,780 / 2,520, in the median, which rests on an older L then, 64 / 71, 79 / 92 and 394 / 381.  For
+columns that are independent: those that share a load would share it by the order of the sweeps, and
+be blocked (a pyramid of 105 bodies 180 / 455).
 """
 
 from __future__ import annotations
