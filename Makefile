@@ -87,10 +87,10 @@ peers: study
 
 growth: $(INSTALLED)
 	$(BIN)/glambda growth --limit 0.2 -o results/growth
-	$(BIN)/glambda growth pyramid heap,mu=0.0 --bodies 20,225,500 --limit 0.05 \
-	  --solvers $(SPARSE) -o results/growth_piles
-	$(BIN)/glambda growth tower,mu=0.5 wall,mu=0.5 pyramid,mu=0.5 heap,mu=0.5 \
-	  --bodies 10,20,50,110,225,500,1000 --limit 0.05 --solvers $(SPARSE) -o results/growth_friction
+	$(BIN)/glambda growth pyramid heap,mu=0.0 --limit 0.05 --solvers $(SPARSE) \
+	  -o results/growth_piles
+	$(BIN)/glambda growth tower,mu=0.5 wall,mu=0.5 pyramid,mu=0.5 heap,mu=0.5 --limit 0.05 \
+	  --solvers $(SPARSE) -o results/growth_friction
 	$(BIN)/glambda growth space_tower,mu=0.0 space_tower,mu=0.5 \
 	  --bodies 5,10,20,50,110 --limit 0.05 --solvers $(SPARSE) -o results/growth_space
 

@@ -4,8 +4,9 @@ For each family of scenes and each number of bodies, smallest first:
 
 1. A short motion is recorded, `STEPS` steps of `STEP` seconds without error control, so that all
    sizes are asked the same, and no more than the first `MOST` of its QPs, of which friction poses
-   hundreds.  A is stored sparse unless it is small or full, for every package that takes sparse
-   matrices is faster with it, and with a pattern that keeps (`whole_bodies`).
+   hundreds; of large ones fewer (`is_enough`).  A is stored sparse unless it is small or full, for
+   every package that takes sparse matrices is faster with it, and with a pattern that keeps
+   (`whole_bodies`).
 2. It is replayed at accuracy `high` through the backends (`harness.study.replay`: interleaved
    passes, answers judged, the least time of each QP counts), each warm, or cold where it has no way
    of keeping anything from one QP to the next.
@@ -51,7 +52,7 @@ from solvers.active_set.method import is_small_or_full
 
 FAMILIES = ("tower", "wall")
 BODIES = (5, 10, 20, 50, 110, 225, 500, 1000, 2000, 5000)
-MORE_BODIES = {"tower": (10_000,)}
+MORE_BODIES = {"tower": (10_000,), "heap": (10_000,)}
 """Sizes beyond `BODIES` of a family that has few columns per body."""
 SOLVERS = (
     *("glambda", "clarabel", "daqp", "highs", "osqp", "piqp", "proxqp"),
@@ -60,8 +61,8 @@ SOLVERS = (
 """Who is tried where nobody is named, if it is installed."""
 STEPS, STEP = 8, 0.005
 """Steps of a sequence, and their length [s]."""
-MOST = 60
-"""QPs of a sequence."""
+MOST, LEAST, COLUMNS = 60, 8, 60_000
+"""QPs of a sequence; and of those past the first `LEAST`, as many as have so many columns."""
 COORDINATES = 3
 """Rows of A that belong together: of a body, in space of its motion or its rotation."""
 FAR = 4.0
@@ -144,37 +145,40 @@ def sequence(folder: Path, family: str, bodies: int, progress: Progress | None =
     def make() -> Recording:
         counted = _Counted(make_solver("glambda"))
         try:
-            run = simulate(scene, counted, progress=counted.look, **how)
+            run = simulate(scene, counted, **how)
         except _Enough as enough:
             run = enough.run
         rows = run.qps[0].m  # of a step, which are those of the bodies
-        qps = [_stored(qp, rows) for qp in run.qps[:MOST]]
-        run = replace(run, qps=qps, solutions=run.solutions[:MOST])
+        run = replace(run, qps=[_stored(qp, rows) for qp in run.qps])
         return recording_of(run, "glambda", until=how["until"], progress=progress)
 
     return recording_in(folder / "recordings", scene, how_run(scene, **how), make)
 
 
-class _Enough(Exception):
-    """`MOST` QPs are posed; `run` is the motion until then."""
+def is_enough(qps: int, columns: int) -> bool:
+    """Whether so many QPs, of so many columns together, are all that is asked of a size."""
+    return qps >= MOST or (qps >= LEAST and columns >= COLUMNS)
+
+
+class _Enough(BaseException):
+    """Enough QPs are posed, which is no fault of the solver's; `run` is the motion until then."""
 
     run: Run
 
 
 @dataclass
 class _Counted:
-    """A solver whose calls are counted; `look`, told of every accepted step, ends the motion."""
+    """A solver whose calls are counted, and which ends the motion where these are enough."""
 
     solver: SolvesQPs
     calls: int = 0
+    columns: int = 0
 
     def solve(self, qp: ContactQP, start: Solution | None = None) -> Solution:
-        self.calls += 1
-        return self.solver.solve(qp, start)
-
-    def look(self, _: float) -> None:
-        if self.calls >= MOST:
+        if is_enough(self.calls, self.columns):
             raise _Enough
+        self.calls, self.columns = self.calls + 1, self.columns + qp.k
+        return self.solver.solve(qp, start)
 
 
 def _stored(qp: ContactQP, rows: int) -> ContactQP:

@@ -34,6 +34,25 @@ def steps() -> None:
         simulate(scene(name), make_solver("velocity"), until=until)
 
 
+def within_steps() -> None:
+    """Some of what `steps` come to last, for the lane that has less to do."""
+    import numpy as np
+    from numba import typeof
+
+    from problems.contacts.dips import first_dip
+    from problems.friction.kernels import small_newton_multipliers
+
+    matrix, whole = np.zeros((1, 1)), np.zeros((1, 1), np.int64)
+    columns, rows, vector = (matrix, whole), whole[0], matrix[0]
+    edges, scratch = (matrix, vector), (matrix, vector, vector)
+    handed = {
+        first_dip: ((vector, vector, vector), 0.0, (0, 0), vector, edges, 0.0, scratch),
+        small_newton_multipliers: (columns, columns, vector, rows, *(5 * [vector]), True),
+    }
+    for kernel, arguments in handed.items():
+        kernel.compile(tuple(typeof(argument) for argument in arguments))
+
+
 def dense() -> None:
     """Algorithm 2."""
     import solvers.active_set.method  # noqa: F401
@@ -75,16 +94,18 @@ def posing() -> None:
 
 PARTS: dict[str, Callable[[], None]] = {
     "steps": steps,
+    "within steps": within_steps,
     "posing": posing,
     "dense": dense,
     "sparse": sparse,
 }
-LANES = ("steps", "posing"), ("dense", "sparse")
+LANES = ("steps", "posing"), ("within steps", "dense", "sparse")
 """Parts that need each other, in the order in which one process compiles them; a lane a core."""
 
 
 def compile_ahead(
-    parts: Sequence[str] = ("steps", "posing", "dense"), tell: Progress | None = None
+    parts: Sequence[str] = ("steps", "within steps", "posing", "dense"),
+    tell: Progress | None = None,
 ) -> None:
     """See to it that these parts are compiled, each lane in a process of its own.
 
@@ -138,7 +159,7 @@ def _mark(part: str) -> Path:
     if part == "posing":
         said.append((place.parents[2] / "solvers/adapters/normal_form.py").read_text("utf-8"))
     key = hashlib.sha256("\n".join(said).encode()).hexdigest()[:16]
-    sources = SOURCES if part in ("steps", "posing") else compiled.SOURCES
+    sources = SOURCES if part in ("steps", "within steps", "posing") else compiled.SOURCES
     return cache_folder(sources) / f"{part}-{key}"
 
 

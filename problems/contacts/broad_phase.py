@@ -69,7 +69,7 @@ def near_corners(
     pose = corners, centres, cosine, sine
     box = boxes(corners, first, size, moving)
     order = np.argsort(box[:, 0], kind="mergesort")
-    found, count = np.empty((64, 2), dtype=np.int64), np.int64(0)
+    found, count = np.empty((64, 2), dtype=np.int64), 0
     for place in range(moving):
         p = order[place]
         for rival in range(place + 1, moving):

@@ -149,5 +149,5 @@ def rows_at(rows: Rows, q: Vector) -> tuple[Vector, Vector, Indices]:
     """φ (R,), columns (R, 6) and bodies (R, 2) of rows at q (3n,)."""
     R = rows.kind.size
     phi, entries, bodies = np.zeros(R), np.zeros((R, 6)), np.zeros((R, 2), dtype=np.int64)
-    joint_rows(q, rows, np.int64(0), phi, entries, bodies)
+    joint_rows(q, rows, 0, phi, entries, bodies)
     return phi, entries, bodies

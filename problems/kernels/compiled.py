@@ -21,7 +21,7 @@ from typing import Any
 import numba
 import numpy as np
 
-from problems.kernels.numba_internals import LOST
+from problems.kernels.numba_internals import LOST, take_literals_as_numbers
 from problems.kernels.sources import defining, sources
 
 FAST_MATH = frozenset({"reassoc", "contract", "nsz"})
@@ -80,7 +80,7 @@ def kernel_decorator(sources: Sequence[Path], **more: Any) -> Callable[[Any], An
 
     def kernel(function: Any) -> Any:
         with _cached_in(folder) as options:
-            return numba.njit(**options, **more)(function)
+            return take_literals_as_numbers(numba.njit(**options, **more)(function))
 
     return kernel
 
@@ -116,8 +116,8 @@ class Direct:
 
 SOURCES = sources(defining(Path(__file__).parents[1], "\n@kernel\n"), ["problems"])
 kernel = kernel_decorator(SOURCES)
-"""Handed a literal 0, or an array that may be written to where another call hands one that may not,
-a kernel is compiled once more: hence `np.int64(0)` and `read_only` where kernels call kernels."""
+"""Handed an array that may be written to where another call hands one that may not, a kernel is
+compiled once more: hence `read_only` where kernels call kernels."""
 stage = kernel_decorator(SOURCES, inline="always")
 """A kernel that is a part of one other: its arguments, arrays by the dozen, are not copied."""
 

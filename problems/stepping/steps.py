@@ -143,7 +143,7 @@ def note_columns(run, q, pose, phi):
 @stage
 def note_stops(run, q, phi):
     """φ (S,) of the stops that are not reached."""
-    joint_rows(q, run.stops.rows, np.int64(0), phi, *run.stops.columns)
+    joint_rows(q, run.stops.rows, 0, phi, *run.stops.columns)
 
 
 @stage
@@ -242,7 +242,7 @@ def overlaps(run, pose):
     motion = run.state.v, run.ends.bend, run.trial[0].h
     parts = shapes.part_first, shapes.part_size, shapes.radius
     near, place, allowed = run.near.pairs, run.contacts.place, run.settings.allowed
-    begin = np.int64(0)
+    begin = 0
     return next_overlap(begin, near, allowed, motion, pose, place, parts, tables_of(shapes)) >= 0
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from problems.kernels.compiled import places
 from problems.qp import FREE, PASSIVE
-from solvers.active_set.compiled import stage
+from solvers.active_set.compiled import kernel, stage
 from solvers.active_set.tolerances import LEAST_PIVOT
 from solvers.active_set.workspace import (
     BEFORE_IT,
@@ -180,7 +180,7 @@ def take_gram(A, S, I, mp, known):
         I[EDGE, o] = edge
 
 
-@stage
+@kernel
 def take_gram_by_fours(S, I, mp, k):
     """The whole of H, and row EDGE, where most columns have rows in common."""
     B0, H0, touched = N_FLOAT_ROWS, N_FLOAT_ROWS + 2 * S.shape[1], I[TOUCHED]

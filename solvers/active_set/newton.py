@@ -7,7 +7,7 @@ objective falls by that (Bertsekas 1982); else the way ends where the first is s
 algorithm 2.  Then all rows with a wrong sign enter F.  Cold, everybody is in F at first: contacts
 mostly hold.  Columns that depend on those of F before them are left out, and their x stays.
 
-H squares the condition: what is found is refined with r from A itself (`settled.refine`), and its
+H squares the condition: what is found is refined with r from A itself (`refine`), and its
 KKT conditions are those of algorithm 2.  Where that does not end it, algorithm 2 goes on from the x
 and the F that were reached.
 """
@@ -27,7 +27,7 @@ from solvers.active_set.gram import (
     take_columns,
     take_gram,
 )
-from solvers.active_set.settled import leave, refine
+from solvers.active_set.settled import GO_ON, RIGHT, correct, leave, look_at
 from solvers.active_set.tolerances import NEAR_ZERO
 from solvers.active_set.workspace import (
     CHANGES,
@@ -86,8 +86,7 @@ def solve_by_newton(A, d, lower, upper, row_id, S, I, mp, rounding_unit, warm, k
         f, stopped, objective, left = newton_steps(lower, upper, S, I, m, k, objective, left, has_L)
         has_L = False
         if stopped == 0 and wrong_signs(lower, upper, S, I, k) == 0:
-            right, _, _ = refine(A, lower, upper, S, I, m, mp, k, f, True, rounding_unit)
-            if right:
+            if refine(lower, upper, S, I, mp, k, f, rounding_unit):
                 leave(row_id, lower, upper, S, I, k)
                 return True, True
             break
@@ -272,6 +271,18 @@ def wrong_signs(lower, upper, S, I, k):
             if (x[j] < upper[j] and g[j] < -zero) or (x[j] > lower[j] and g[j] > zero):
                 wrong += 1
     return wrong
+
+
+@stage
+def refine(lower, upper, S, I, mp, k, f, rounding_unit):
+    """As `settled.refine` on an F whose L is there; whether the KKT conditions hold to rounding."""
+    tried, slope_before = 0, 0.0
+    while True:
+        found, slope = look_at(lower, upper, S, I, mp, k, f, tried, slope_before, rounding_unit)
+        if found != GO_ON or not correct(lower, upper, S, I, f):
+            return found == RIGHT
+        slope_before = slope
+        tried += 1
 
 
 @stage

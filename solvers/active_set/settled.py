@@ -49,6 +49,7 @@ from solvers.active_set.workspace import (
 )
 
 REFINEMENTS = 4
+RIGHT, GO_ON, GIVE_UP = range(3)
 
 
 @stage
@@ -88,7 +89,7 @@ def solve_settled(A, d, lower, upper, row_id, S, I, rounding_unit):
         return False, NOTHING
     mp = (m + LANES - 1) // LANES * LANES
     take_columns(A, d, S, mp)
-    right, tried, known = refine(A, lower, upper, S, I, m, mp, k, f, False, rounding_unit)
+    right, tried, known = refine(A, lower, upper, S, I, m, mp, k, f, rounding_unit)
     if not right:
         return False, known
     for i in range(DIRECTIONS, FLOPS + 1):
@@ -103,57 +104,76 @@ def solve_settled(A, d, lower, upper, row_id, S, I, rounding_unit):
 
 
 @stage
-def refine(A, lower, upper, S, I, m, mp, k, f, factorized, rounding_unit):
+def refine(A, lower, upper, S, I, m, mp, k, f, rounding_unit):
     """Newton's method on F with r from A itself; x of the other rows stays.
-
-    factorized : whether L D Lᵀ of H_FF is there
 
     Returns whether the KKT conditions hold to rounding, how many steps were made, and what is known
     of A.
     """
-    H0, B0 = N_FLOAT_ROWS + 2 * S.shape[1], N_FLOAT_ROWS
-    x, r, g, p, free = S[Z], S[RESIDUAL], S[GRADIENT], S[P], I[F]
     tried, known, slope_before = 0, COLUMNS, 0.0
     while True:
-        size_of_terms = residual_and_sizes(S, mp, k, FRESH, RESIDUAL)
-        if not size_of_terms < 1e150:
-            return False, tried, known
-        rounding = rounding_unit * size_of_terms
-        slope = 0.0
-        for c in range(f):
-            b, along, size = S[B0 + free[c]], 0.0, 0.0
-            for i in range(mp):
-                along += b[i] * r[i]
-                size += b[i] * b[i]
-            g[free[c]] = along
-            S[H0 + free[c], free[c]] = size
-            if size > 0.0:
-                slope += along * along / size
-        slope = sqrt(slope)
-        if slope <= rounding * sqrt(max(f, 1)):
-            if not on_wrong_side(lower, upper, S, I, mp, k, rounding):
-                return True, tried, known
-            if tried > 0 or f == 0:
-                return False, tried, known
-            # A_Fᵀ r is rounding, r itself may not be yet
-        if tried == REFINEMENTS or (tried > 1 and slope > 0.5 * slope_before):
-            return False, tried, known
+        found, slope = look_at(lower, upper, S, I, mp, k, f, tried, slope_before, rounding_unit)
+        if found != GO_ON:
+            return found == RIGHT, tried, known
         slope_before = slope
         tried += 1
-        if not factorized:
-            factorized = True
+        if tried == 1:
             known = take_gram_of_free(A, S, I, mp)
             if factorize_gram(S, I, m, k) < f:
                 return False, tried, known
             known |= HAS_L
-        for c in range(f):
-            p[c] = -g[free[c]]
-        solve_gram(S, I, f)
-        for c in range(f):
-            j = free[c]
-            x[j] += p[c]
-            if not lower[j] < x[j] < upper[j]:
-                return False, tried, known
+        if not correct(lower, upper, S, I, f):
+            return False, tried, known
+
+
+@stage
+def look_at(lower, upper, S, I, mp, k, f, tried, slope_before, rounding_unit):
+    """r and Δ_F anew: `RIGHT`, the KKT conditions hold, `GO_ON`, or `GIVE_UP`; and ‖Δ_F‖, of
+    columns of length 1.
+
+    tried, slope_before : steps made, and ‖Δ_F‖ before the last of them
+    """
+    H0, B0 = N_FLOAT_ROWS + 2 * S.shape[1], N_FLOAT_ROWS
+    r, g, free = S[RESIDUAL], S[GRADIENT], I[F]
+    size_of_terms = residual_and_sizes(S, mp, k, FRESH, RESIDUAL)
+    if not size_of_terms < 1e150:
+        return GIVE_UP, 0.0
+    rounding = rounding_unit * size_of_terms
+    slope = 0.0
+    for c in range(f):
+        b, along, size = S[B0 + free[c]], 0.0, 0.0
+        for i in range(mp):
+            along += b[i] * r[i]
+            size += b[i] * b[i]
+        g[free[c]] = along
+        S[H0 + free[c], free[c]] = size
+        if size > 0.0:
+            slope += along * along / size
+    slope = sqrt(slope)
+    if slope <= rounding * sqrt(max(f, 1)):
+        if not on_wrong_side(lower, upper, S, I, mp, k, rounding):
+            return RIGHT, slope
+        if tried > 0 or f == 0:
+            return GIVE_UP, slope
+        # A_Fᵀ r is rounding, r itself may not be yet
+    if tried == REFINEMENTS or (tried > 1 and slope > 0.5 * slope_before):
+        return GIVE_UP, slope
+    return GO_ON, slope
+
+
+@stage
+def correct(lower, upper, S, I, f):
+    """x_F −= H_FF⁻¹ Δ_F; whether it stays within its bounds."""
+    x, g, p, free = S[Z], S[GRADIENT], S[P], I[F]
+    for c in range(f):
+        p[c] = -g[free[c]]
+    solve_gram(S, I, f)
+    for c in range(f):
+        j = free[c]
+        x[j] += p[c]
+        if not lower[j] < x[j] < upper[j]:
+            return False
+    return True
 
 
 @stage

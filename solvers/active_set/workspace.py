@@ -49,7 +49,7 @@ SOLVED, INACCURATE, OUT_OF_PASSES = 0, 1, 2
 """What row COUNTS holds at STATUS."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Workspace:
     """S (rows, n) float64, I (rows, n) int64; handed on from solve to solve, updated in place."""
 
