@@ -73,6 +73,12 @@ def test_no_more_than_the_first_qps_of_a_sequence_are_asked(tmp_path: Path) -> N
     assert recording.qps[0].restart
 
 
+def test_of_large_qps_fewer_are_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(growth, "COLUMNS", 100)
+    recording = sequence(tmp_path, "wall,mu=0.5", 12)
+    assert len(recording.qps) == len(recording.solutions) == growth.LEAST
+
+
 def test_large_matrices_are_stored_sparse_and_keep_their_pattern(folder: Path) -> None:
     small, large = sequence(folder, "tower", 3), sequence(folder, "tower", 30)
     assert not any(sp.issparse(qp.A) for qp in small.qps)
