@@ -19,7 +19,7 @@ from problems.short import Short
 
 MOST_BODIES = 20_000
 """Of bricks and boxes: so many have been stepped in less than a gigabyte."""
-MOST_POLYGONS, MOST_CORNERS = 5_000, 100
+MOST_POLYGONS, MOST_CORNERS = 10_000, 100
 """Of polygons, which touch any of their neighbours, and of the corners of each."""
 
 Maker = TypeVar("Maker", bound=Callable[..., Any])
