@@ -260,3 +260,15 @@ def test_memory_seen_otherwise_is_the_same_memory():
     assert rows.flags.writeable and not posed.flags.writeable
     del rows, posed
     assert sys.getrefcount(vector) == 2
+
+
+def test_a_room_that_nobody_holds_is_used_again_and_no_other():
+    n = 60  # S is larger than what is at hand
+    held = make_workspace(n, n)
+    let_go = make_workspace(n, n).S.ctypes.data
+    view = make_workspace(n, n)
+    assert view.S.ctypes.data == let_go
+    view = view.S[3]  # holds all of it
+    other = make_workspace(n, n)
+    places = {held.S.ctypes.data, view.base.ctypes.data, other.S.ctypes.data}
+    assert len(places) == 3
