@@ -13,11 +13,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import dist
 from typing import NamedTuple
 
 import numpy as np
 
-from problems.bodies.shapes import cross
 from problems.contacts.active_kernels import JOINT, Contacts
 from problems.contacts.candidates import Candidates
 from problems.contacts.geometry import PARALLEL_SINE, Geometry, Pose
@@ -164,9 +164,9 @@ class ConstraintGraph:
 
     def _parallel(self, pose: Pose, contact: Contact, part: int, edge: int) -> bool:
         other = contact.normals[0]
-        one = self.geometry.direction(pose, part, edge)
-        two = self.geometry.direction(pose, other.part, other.edge)
-        return abs(float(cross(one, two))) < PARALLEL_SINE
+        x, y = self.geometry.direction(pose, part, edge).tolist()
+        u, v = self.geometry.direction(pose, other.part, other.edge).tolist()
+        return bool(abs(x * v - y * u) < PARALLEL_SINE)
 
     def redundant(self, pose: Pose, corner: int, part: int, edge: int) -> bool:
         """Whether an active contact of the pair already keeps this corner out.
@@ -183,14 +183,14 @@ class ConstraintGraph:
     def at(self, pose: Pose, corner: int, part: int) -> list[Normal]:
         """Active constraints of the pair at a point that coincides with this corner; of what is
         round any, as it touches a convex part at one point only."""
-        same, at = self.geometry.tolerance(corner, part), pose.corners[corner]
+        same, at = self.geometry.tolerance(corner, part), pose.corners[corner, :2].tolist()
         if self.geometry.is_round(corner):
             same = np.inf
         return [
             normal
             for contact in self.of_pair.get(self.pair_of(corner, part), ())
             for normal in contact.normals
-            if np.hypot(*(pose.corners[normal.corner] - at)[:2]) <= same
+            if dist(pose.corners[normal.corner, :2].tolist(), at) <= same
         ]
 
     def kept_out(self, pose: Pose, corner: int, part: int, edge: int) -> bool:
@@ -216,12 +216,12 @@ class ConstraintGraph:
         if geometry.is_round(corner):
             return geometry.nearest(pose, corner, part)
         one, close = (np.array([corner]), np.array([part])), geometry.tolerance(corner, part)
-        phi = geometry.distances(pose, *one)[0]
-        touched = np.flatnonzero(np.abs(phi) <= close).tolist()
+        phi = geometry.distances(pose, *one)[0].tolist()
+        touched = [edge for edge, value in enumerate(phi) if abs(value) <= close]
         if len(touched) > 1:
+            depths = geometry.depths_below(pose, part, other)
             for edge in touched:
-                sunk = -geometry.depth_below(pose, part, edge, other)
-                if sunk <= close and self._slides_along(pose, corner, part, edge):
+                if -depths[edge] <= close and self._slides_along(pose, corner, part, edge):
                     return edge
         return geometry.hit_edge(pose, corner, part)
 

@@ -245,11 +245,12 @@ class Geometry:
         )
         return columns
 
-    def depth_below(self, pose: Pose, part: int, edge: int, other: int) -> float:
-        """min over the corners of part `other` of φ against one edge: > 0 if the edge separates."""
+    def depths_below(self, pose: Pose, part: int, other: int) -> Vector:
+        """min over the corners of part `other` of φ against each edge (E,): > 0 if it separates."""
         first, size = self.part_first[other], self.part_size[other]
         corner = np.arange(first, first + size)
-        return float(self.distances(pose, corner, np.full(size, part))[:, edge].min())
+        depths: Vector = self.distances(pose, corner, np.full(size, part)).min(axis=0)
+        return depths
 
     def is_round(self, corner: int) -> bool:
         """Whether a corner is the centre of a disc or an ellipse."""
@@ -283,7 +284,7 @@ class Geometry:
         near = np.flatnonzero(phi >= phi.max() - wide)
         if near.size == 1:
             return int(near[0])
-        return int(max(near, key=lambda e: (self.depth_below(pose, part, int(e), other), -e)))
+        return int(near[self.depths_below(pose, part, other)[near].argmax()])
 
     def past_tip(self, pose: Pose, corner: int, part: int, edge: int) -> bool:
         """Whether a corner that drift has put inside `edge` is less inside, or outside, of another.

@@ -403,7 +403,8 @@ def successor(geometry: Geometry, pose: Pose, normal: Normal) -> tuple[int, int,
     other = int(geometry.corner_part[corner])
     number = corner - int(geometry.part_first[other])
     edges = (number, (number - 1) % int(geometry.part_size[other]))
-    line = max(edges, key=lambda e: (geometry.depth_below(pose, other, e, part), -e))
+    depths = geometry.depths_below(pose, other, part)
+    line = max(edges, key=lambda e: (depths[e], -e))
     on = geometry.columns_at(pose, np.array([(taker, other, line)]))
     wide, sunk = geometry.tolerance(corner, part), max(0.0, -float(columns.phi[0]))
     touches = -(sunk + wide) <= on.phi[0] <= wide
