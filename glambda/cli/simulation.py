@@ -122,7 +122,7 @@ def simulate(
     target_of(solver)  # raises for an unknown one, before anything is compiled
     try:
         with shown("kernels", terminal(err=True)) as tell:
-            compile_ahead(("steps", "within steps", "dense" if is_own(solver) else "posing"), tell)
+            compile_ahead(("steps", "dense" if is_own(solver) else "posing"), tell)
         with shown(f"simulate {made.label}", terminal(err=True)) as tell:
             run = run_scene(
                 made,

@@ -101,11 +101,12 @@ PARTS: dict[str, Callable[[], None]] = {
 }
 LANES = ("steps", "posing"), ("within steps", "dense", "sparse")
 """Parts that need each other, in the order in which one process compiles them; a lane a core."""
+PART_OF = {"within steps": "steps"}
+"""Parts that are compiled with another one, which need not be named."""
 
 
 def compile_ahead(
-    parts: Sequence[str] = ("steps", "within steps", "posing", "dense"),
-    tell: Progress | None = None,
+    parts: Sequence[str] = ("steps", "posing", "dense"), tell: Progress | None = None
 ) -> None:
     """See to it that these parts are compiled, each lane in a process of its own.
 
@@ -113,7 +114,9 @@ def compile_ahead(
 
     A part whose process fails is compiled where it is needed, and says there what is wrong.
     """
-    lanes = [[p for p in lane if p in parts and not _mark(p).exists()] for lane in LANES]
+    lanes = [
+        [p for p in lane if PART_OF.get(p, p) in parts and not _mark(p).exists()] for lane in LANES
+    ]
     if not any(lanes):
         return
     running = [
@@ -159,7 +162,7 @@ def _mark(part: str) -> Path:
     if part == "posing":
         said.append((place.parents[2] / "solvers/adapters/normal_form.py").read_text("utf-8"))
     key = hashlib.sha256("\n".join(said).encode()).hexdigest()[:16]
-    sources = SOURCES if part in ("steps", "within steps", "posing") else compiled.SOURCES
+    sources = compiled.SOURCES if part in ("dense", "sparse") else SOURCES
     return cache_folder(sources) / f"{part}-{key}"
 
 

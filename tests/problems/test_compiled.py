@@ -35,6 +35,13 @@ def near_root(x, times):
                 x[i] = -np.cbrt(x[i]) + 1e-3 * np.cos(x[i])
             else:
                 x[i] += 2.0 * np.exp(x[i]) - np.log(2.0 + x[i])
+    for i in range(x.size - 2):  # too long for LLVM to put it in line
+        if x[i] > x[i + 1] + x[i + 2]:
+            x[i] = np.arctan(x[i + 1]) * np.sin(x[i + 2]) + np.tanh(x[i])
+        elif x[i] < 0.1:
+            x[i] += np.exp(-x[i + 1] ** 2) - np.arcsinh(x[i + 2]) + np.hypot(x[i], 1.0)
+        else:
+            x[i] -= np.log1p(abs(x[i + 1])) * np.cosh(0.1 * x[i + 2]) / (1.0 + x[i] ** 4)
     return x
 
 @kernel
@@ -70,7 +77,7 @@ def test_a_kernel_calls_its_own_copies_of_other_kernels(tmp_path: Path) -> None:
 
     compiled, copies, own, kinds = lines()
     again, hits = lines("cached")
-    assert int(copies) == int(own)  # none where LLVM puts it in line
+    assert int(copies) == int(own) > 0
     assert kinds == "1"  # whatever constants it is handed
     assert again == compiled and hits == "1"
 
