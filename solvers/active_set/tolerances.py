@@ -12,7 +12,7 @@ import numpy as np
 UNIT_ROUNDOFF = 0.5 * float(np.finfo(np.float64).eps)
 """u."""
 ROUNDING = 4 * UNIT_ROUNDOFF
-"""Rounding in Δ, in units of ‖ |B||z| + |d| ‖."""
+"""Rounding in Δ, in units of ‖ |B||z| + |d| ‖; of sparse columns, in units of its largest entry."""
 SHARE = 0.1
 """Part of ε₀ that the direction and the signs may each take."""
 
@@ -39,4 +39,4 @@ PATH_END = 1e-14
 """Interior points end at this part of ‖d‖² by which the objective can still fall, so that A x is
 right to 1e-7 ‖d‖."""
 NOISE = 10.0
-"""vᵀy in units of (rounding in Δ)²/shift, below which it may be rounding."""
+"""vᵀy in units of f (rounding in one Δ_j)²/shift, below which it may be rounding."""

@@ -305,7 +305,7 @@ def direction(pattern, Bx, Lx, S, I, m, f, tolerance, rounding, mode):
         elif interval > 0 or mode & DEFERRED:
             limit = MOST_ITERATIONS
         shift = S[REALS, SHIFT]
-        noise = NOISE * rounding * rounding / shift if shift > 0.0 and not plain else 0.0
+        noise = NOISE * f * rounding * rounding / shift if shift > 0.0 and not plain else 0.0
         made = conjugate_gradients_sparse(pattern, Bx, Lx, S, I, m, tolerance, noise, limit, plain)
         spent = made if made >= 0 else -1 - made
         I[COUNTS, CG_ITERATIONS] += spent

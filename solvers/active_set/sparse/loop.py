@@ -186,7 +186,10 @@ def start_sparse(order, S, I, warm, own_set, w):
 
 @kernel
 def take_residual_sparse(pattern, Bx, S, m):
-    """r = B z + d into row RESIDUAL; returns ‖change of r‖ and the rounding in Δ."""
+    """r = B z + d into row RESIDUAL; whether it moved by more than rounding, and that in one Δ_j.
+
+    A column has few entries, so that its Δ_j knows nothing of the other rows' rounding.
+    """
     Bi = pattern.Bi
     fresh, r, d, sizes, z = S[FRESH], S[RESIDUAL], S[MOMENTUM], S[WORK], S[Z]
     for i in range(m):
@@ -200,12 +203,13 @@ def take_residual_sparse(pattern, Bx, S, m):
                     term = value * Bx[c, b]
                     fresh[Bi[c, b]] += term
                     sizes[Bi[c, b]] += abs(term)
-    moved = total = 0.0
+    change = total = most = 0.0
     for i in range(m):
-        moved += (fresh[i] - r[i]) ** 2
+        change += (fresh[i] - r[i]) ** 2
         total += sizes[i] * sizes[i]
+        most = max(most, sizes[i])
         r[i] = fresh[i]
-    return sqrt(moved), ROUNDING * sqrt(total)
+    return sqrt(change) > ROUNDING * sqrt(total), ROUNDING * most
 
 
 @kernel
@@ -302,7 +306,7 @@ def leap(pattern, Bx, Lx, S, I, m, f, tolerance, rounding):
         shift = S[REALS, SHIFT]
         if shift > LEAST_SHIFT:
             break
-        noise = NOISE * rounding * rounding / shift if shift > 0.0 else 0.0
+        noise = NOISE * f * rounding * rounding / shift if shift > 0.0 else 0.0
         made = conjugate_gradients_sparse(
             pattern, Bx, Lx, S, I, m, tolerance, noise, MANY, False, False
         )
@@ -383,13 +387,14 @@ def begin_sparse(pattern, Bx, Lx, S, I, kept, mode):
 
 @stage
 def slope_on_F(S, I, k):
-    """‖B_Fᵀ r‖."""
+    """‖B_Fᵀ r‖, and the largest entry of it."""
     inside = I[IN_F]
-    slope = 0.0
+    slope = steepest = 0.0
     for c in range(k):
         if inside[c]:
             slope += S[GRADIENT, c] ** 2
-    return sqrt(slope)
+            steepest = max(steepest, abs(S[GRADIENT, c]))
+    return sqrt(slope), steepest
 
 
 @stage
@@ -420,8 +425,7 @@ def descend_sparse(pattern, Bx, Lx, S, I, m, f, aim, rounding, mode):
     theta = ratio_test_sparse(S, I, pattern.order.size)  # 4.
     cut = theta < 1.0 and cut_off(pattern, Bx, S, I, m, theta)
     reached = take_step_sparse(S, I, pattern.order.size, theta, cut)  # 5., 6.
-    change, rounding = take_residual_sparse(pattern, Bx, S, m)
-    moved = change > rounding
+    moved, rounding = take_residual_sparse(pattern, Bx, S, m)
     I[COUNTS, FLOPS] += 2 * pattern.nonzeros * (1 if theta == 1.0 else 2)
     I[COUNTS, CHANGES] += reached
     if moved:
@@ -451,11 +455,12 @@ def most_wrong_sparse(S, I, k, slope):
 
 
 @stage
-def is_sound(pattern, Lx, S, I, left, eps0, rounding, mode):
-    """Step 9: whether what is left of the gradient on F is within what was asked."""
-    sound = left <= max(SHARE * eps0, 100 * rounding) and rounding < inf
+def is_sound(pattern, Bx, Lx, S, I, f, left, eps0, mode):
+    """Step 9: whether what is left of the gradient is within what was asked."""
+    sound = left <= SHARE * eps0 and left < inf
     unsure = left * S[REALS, INVERSE_NORM] > eps0 and S[REALS, SHIFT] == 0.0
     if sound and unsure and not mode & NO_R:
+        follow(pattern, Bx, Lx, S, I, f)
         sound = error_left(pattern, Lx, S, I) <= eps0
         I[COUNTS, FLOPS] += 2 * pattern.entries
     return sound
@@ -514,10 +519,10 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
     while True:
         take_gradient_sparse(pattern, Bx, S, RESIDUAL)  # 7., and the right-hand side of 3.
         I[COUNTS, FLOPS] += 2 * pattern.nonzeros
-        slope = slope_on_F(S, I, k)
+        slope, steepest = slope_on_F(S, I, k)
         aim = max(SHARE * eps0 / S[REALS, INVERSE_NORM], rounding)  # (3.20)
         # a slope that refinement does not halve is rounding
-        if slope > max(aim, rounding * sqrt(f)) and slope < 0.5 * refining:
+        if slope > aim and steepest > rounding and slope < 0.5 * refining:
             if passes <= 0:
                 break
             passes -= 1
@@ -543,7 +548,7 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
         left, worst, entering = most_wrong_sparse(S, I, k, slope)  # 8.
         if worst <= aim:  # 9.
             S[REALS, WRONG] = left
-            sound = is_sound(pattern, Lx, S, I, left, eps0, rounding, mode)
+            sound = is_sound(pattern, Bx, Lx, S, I, f, left, eps0, mode)
             if sound or has_todays_L(I, k):
                 status = SOLVED if sound else INACCURATE
                 break
