@@ -65,35 +65,35 @@ class Workspace:
         return row
 
 
-Arrays = tuple[Vector, NDArray[np.int64]]
-_MADE: list[Arrays] = []
-"""The last few S and I that were made, of those that are not small."""
-MOST_MADE, NOT_SMALL, LARGEST = 2, 1 << 17, 1 << 23
-"""How many, and S of how many bytes: below, memory is at hand; above, none is kept for nothing."""
+_MADE: list[tuple[Workspace, int]] = []
+"""The last few rooms that were made, each with its n."""
+MOST_MADE, LARGEST = 2, 1 << 23
+"""How many, and of how many bytes: beyond, memory would be kept for little."""
 ONCE = 2
 """What `getrefcount` says of a member of a tuple that nobody else holds."""
 
 
-def _arrays(n: int) -> Arrays:
-    """S and I of n columns, or somewhat more, that hold anything.
+def _room(n: int) -> Workspace:
+    """A room of n columns, or somewhat more, that holds anything.
 
-    Once a solution that held a room is gone, the system may have its memory back, and a cold start
-    in fresh memory takes five times as long (k = 65 in a heap of 50 boxes, 150 and 30 µs).  So it
-    is used again where nobody holds it any more.
+    One that nobody holds any more, if there is one.  Of a small QP new arrays would take as long
+    as the QP (k = 10, 1.1 µs), and of a larger one the system may have its memory back by then: a
+    cold start in fresh memory takes five times as long (k = 65 in a heap of 50 boxes, 150 and
+    30 µs).
     """
     for _ in range(len(_MADE)):
         made = _MADE.pop(0)  # of two threads, one has it
-        fits = n <= made[0].shape[1] <= 2 * n
-        free = fits and getrefcount(made[0]) == getrefcount(made[1]) == ONCE
-        S, I = made
+        if n <= made[1] <= 2 * n and getrefcount(made[0]) == ONCE:
+            room = made[0]
+            _MADE.append(made)
+            return room
         _MADE.append(made)
-        if free:
-            return S, I
     S, I = np.empty((N_FLOAT_ROWS + 3 * n, n)), np.empty((N_INT_ROWS, n), dtype=np.int64)
-    if NOT_SMALL <= S.nbytes <= LARGEST:
-        _MADE.append((S, I))
+    room = Workspace(S, I, n)
+    if S.nbytes <= LARGEST:
+        _MADE.append((room, n))
         del _MADE[:-MOST_MADE]
-    return S, I
+    return room
 
 
 def make_workspace(m: int, k: int, previous: Workspace | None = None) -> Workspace:
@@ -105,11 +105,9 @@ def make_workspace(m: int, k: int, previous: Workspace | None = None) -> Workspa
     if previous is not None and previous.n >= n:
         return previous
     n = (n + n // 2) // LANES * LANES + LANES  # contacts come in ones and twos
-    S, I = _arrays(n)
-    n = S.shape[1]
-    made = Workspace(S, I, n)
+    made = _room(n)
     if previous is not None:
-        old = previous.n
+        n, old = made.n, previous.n
         made.I[:, :old] = previous.I
         made.S[:N_FLOAT_ROWS, :old] = previous.S[:N_FLOAT_ROWS]
         first, before = N_FLOAT_ROWS + 2 * n, N_FLOAT_ROWS + 2 * old
