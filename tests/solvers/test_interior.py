@@ -29,6 +29,7 @@ from solvers.active_set.sparse.workspace import (
     make_sparse_workspace,
 )
 from solvers.active_set.workspace import GRADIENT, LOWER, UPPER, Z
+from tests.fakes.grid import grid_qp
 
 
 def convex_fit(n: int, noise: float, seed: int = 0) -> ContactQP:
@@ -123,6 +124,9 @@ def test_a_step_solves_its_linear_equations(seed: int) -> None:
     np.testing.assert_allclose(S[Z, :k], z + theta * dz, rtol=1e-9, atol=1e-9 * size)
     np.testing.assert_allclose(S[DUAL_LOW, :k], a + theta * da, rtol=1e-8, atol=1e-10 * a.max())
     np.testing.assert_allclose(S[DUAL_HIGH, :k], b + theta * db, rtol=1e-8, atol=1e-10 * b.max())
+    to_low = has_a & (dz / s < da / np.where(has_a, a, 1.0))
+    to_high = has_b & (-dz / t < db / np.where(has_b, b, 1.0))
+    assert (room.I[IN_F, :k].astype(bool) == moves & ~to_low & ~to_high).all()
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -151,6 +155,16 @@ def test_thousands_of_rows_change_sides_in_tens_of_directions() -> None:
     assert 0 < np.count_nonzero(~at_zero) < qp.k
     # convex to rounding where λ is 0; straight where it is not
     assert slope[at_zero].min() >= -1e-7 and np.abs(slope[~at_zero]).max() <= 1e-7
+
+
+def test_along_a_ridge_the_path_tells_loads_from_loose_contacts() -> None:
+    """Gradients there are 1e-10 of z, so that sizes alone tell nothing."""
+    qp = grid_qp(40, 0, loose=0.6)
+    found = Glambda().solve(qp)
+    assert found.found and found.work is not None
+    # 89 measured; 1,086 where z itself was compared with the multiplier of its bound
+    assert LEAP_AFTER < found.work.descent_directions < 400
+    assert 0 < np.count_nonzero(found.x == 0.0) < qp.k
 
 
 def test_what_does_not_lower_the_objective_is_taken_back() -> None:

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from harness.judging.error_bound import error_bound
 from problems import scene, simulate
 from problems.qp import ContactQP, Indices, Vector
 from solvers import make_solver
@@ -44,6 +45,7 @@ from solvers.active_set.sparse.workspace import (
 from solvers.active_set.tolerances import NOISE
 from solvers.active_set.workspace import GRADIENT, LOWER, RESIDUAL, UPPER, P
 from tests.fakes.assertions import assert_kkt, force_scale
+from tests.fakes.grid import grid_qp
 
 
 def contact_matrix(
@@ -398,6 +400,18 @@ def test_a_leap_ends_at_the_same_force(seed: int) -> None:
     assert_kkt(qp, leapt.x, 1e-7)
     error = np.linalg.norm(qp.A @ (leapt.x - walked.x))
     assert error <= 2 * qp.eps0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_solved_is_as_accurate_as_was_asked(seed: int) -> None:
+    """A gradient of 1e-14 moves A x by 1e-9 along a ridge, and rounding is far smaller than that.
+
+    It is that of the few rows of one column: the norm over all rows is fifty times as large.
+    """
+    qp = grid_qp(40, seed, loose=0.3)
+    solution = Glambda().solve(qp)
+    assert solution.found
+    assert error_bound(qp, solution.x) <= qp.eps0
 
 
 def test_a_matrix_that_moves_is_factorized_for_a_minimum_norm() -> None:

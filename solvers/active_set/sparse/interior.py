@@ -7,8 +7,10 @@ From a feasible z, primal-dual path following with Mehrotra's predictor and corr
 until k μ, by which the objective can still fall, is small.  A step costs one factorization, of
 BᵀB + a/(z − low) + b/(high − z), which has the pattern of L, and moves all variables at once: their
 number hardly grows with that of the columns.  What it ends at is neither exact nor at its bounds,
-so that it only chooses F: a variable nearer to a bound than the multiplier of the bound is large
-goes there.  Algorithm 2 takes it up.
+so that it only chooses F: a variable whose distance from a bound has shrunk by more than the
+multiplier of the bound in the last step goes there (El-Bakry, Tapia and Zhang 1994).  That is no
+matter of units, and of a ridge not either: along it gradients are smaller than z by its square.
+Algorithm 2 takes it up.
 """
 
 from __future__ import annotations
@@ -170,7 +172,8 @@ def longest_step(S, k, row, target, corrected):
 def step_along_path(pattern, Bx, Lx, S, I, ridge):
     """One step by predictor and corrector from z, a and b; returns the part that was taken.
 
-    0 where BᵀB + ridge could not be factorized, or not well enough.
+    0 where BᵀB + ridge could not be factorized, or not well enough.  IN_F becomes what has not
+    gone to a bound as it seems.
     """
     k = pattern.order.size
     z, low, high, g = S[Z], S[LOWER], S[UPPER], S[GRADIENT]
@@ -211,15 +214,23 @@ def step_along_path(pattern, Bx, Lx, S, I, ridge):
     if not total < inf:
         return 0.0
     theta = longest_step(S, k, Y, target, True)
+    inside = I[IN_F]
     for c in range(k):
+        inside[c] = I[IN_L, c]
         if a[c] > 0.0:
             s = z[c] - low[c]
             goal = target - p[c] * change_of_dual(a[c], s, p[c], 0.0)
-            a[c] += theta * change_of_dual(a[c], s, y[c], goal)
+            share = theta * change_of_dual(a[c], s, y[c], goal) / a[c]
+            if theta * y[c] / s < share:
+                inside[c] = 0
+            a[c] += share * a[c]
         if b[c] > 0.0:
             s = high[c] - z[c]
             goal = target + p[c] * change_of_dual(b[c], s, -p[c], 0.0)
-            b[c] += theta * change_of_dual(b[c], s, -y[c], goal)
+            share = theta * change_of_dual(b[c], s, -y[c], goal) / b[c]
+            if -theta * y[c] / s < share:
+                inside[c] = 0
+            b[c] += share * b[c]
     for c in range(k):
         z[c] += theta * y[c]
     return theta
@@ -227,20 +238,16 @@ def step_along_path(pattern, Bx, Lx, S, I, ridge):
 
 @kernel
 def choose_F(S, I, k):
-    """z to the bounds that it is nearer to than their multipliers are large; returns the size of F
-    and how many variables have another member than in row KEPT_F."""
-    z, low, high, a, b = S[Z], S[LOWER], S[UPPER], S[DUAL_LOW], S[DUAL_HIGH]
+    """z of what is not in F to the nearer bound; returns the size of F and how many variables have
+    another member than in row KEPT_F."""
+    z, low, high = S[Z], S[LOWER], S[UPPER]
     f = changes = 0
     for c in range(k):
-        inside = 0
-        if a[c] > 0.0 and z[c] - low[c] < a[c]:
-            z[c] = low[c]
-        elif b[c] > 0.0 and high[c] - z[c] < b[c]:
-            z[c] = high[c]
-        elif low[c] < high[c]:
+        inside = I[IN_F, c]
+        if not inside:
+            z[c] = low[c] if z[c] - low[c] < high[c] - z[c] else high[c]
+        else:
             z[c] = min(max(z[c], low[c]), high[c])
-            inside = 1
-        I[IN_F, c] = inside
         f += inside
         changes += inside != I[KEPT_F, c]
     return f, changes
