@@ -7,7 +7,7 @@ objective falls by that (Bertsekas 1982); else the way ends where the first is s
 algorithm 2.  Then all rows with a wrong sign enter F.  Cold, everybody is in F at first: contacts
 mostly hold.  Columns that depend on those of F before them are left out, and their x stays.
 
-H squares the condition: what is found is refined with r from A itself (`refine`), and its
+H squares the condition: what is found is refined with r from A itself (`refine_on_L`), and its
 KKT conditions are those of algorithm 2.  Where that does not end it, algorithm 2 goes on from the x
 and the F that were reached.
 """
@@ -86,7 +86,7 @@ def solve_by_newton(A, d, lower, upper, row_id, S, I, mp, rounding_unit, warm, k
         f, stopped, objective, left = newton_steps(lower, upper, S, I, m, k, objective, left, has_L)
         has_L = False
         if stopped == 0 and wrong_signs(lower, upper, S, I, k) == 0:
-            if refine(lower, upper, S, I, mp, k, f, rounding_unit):
+            if refine_on_L(lower, upper, S, I, mp, k, f, rounding_unit):
                 leave(row_id, lower, upper, S, I, k)
                 return True, True
             break
@@ -274,7 +274,7 @@ def wrong_signs(lower, upper, S, I, k):
 
 
 @stage
-def refine(lower, upper, S, I, mp, k, f, rounding_unit):
+def refine_on_L(lower, upper, S, I, mp, k, f, rounding_unit):
     """As `settled.refine` on an F whose L is there; whether the KKT conditions hold to rounding."""
     tried, slope_before = 0, 0.0
     while True:
