@@ -388,14 +388,14 @@ def coupled(Ep, Ei, Np, its, order):
     seen = np.full(n, -1, np.int32)
     for v in range(n):
         for a in range(Np[order[v]], Np[order[v] + 1]):
-            for l in range(Ep[its[a]], Ep[its[a] + 1]):
+            e = its[a]
+            if end + Ep[e + 1] - Ep[e] > before.size:
+                before = np.concatenate((before, before))
+            for l in range(Ep[e], Ep[e + 1]):  # without a branch, which could not be foretold
                 u = place[Ei[l]]
-                if u < v and seen[u] != v:
-                    seen[u] = v
-                    if end == before.size:
-                        before = np.concatenate((before, before))
-                    before[end] = u
-                    end += 1
+                before[end] = u
+                end += (u < v) & (seen[u] != v)
+                seen[u] = v
         begin[v + 1] = end
     return begin, before[:end]
 

@@ -4,8 +4,8 @@ Each column of A touches two bodies, so that A_FᵀA_F couples contacts that sha
 fill-reducing order of the contacts its Cholesky factor L, which is Rᵀ of A_F = Q R, is sparse too.
 
     1. the contacts are put in order by minimum degree (`order`);
-    2. walks up the elimination tree give the rows of L (Liu 1986), once the tree has been put in
-       postorder (George and Liu 1981);
+    2. walks up the elimination tree give the rows of L (Liu 1986); the tree is put in postorder
+       (George and Liu 1981);
     3. columns that follow each other with the same rows, or nearly so, become a front: a dense
        block of L (Ashcraft and Grimes 1989).
 
@@ -140,9 +140,10 @@ def analyse(m, indptr, indices):
     Np, its = transposed(count, Ep, Ei)
     nodes = eliminated(Ep, Ei, Np, its, weight)
     begin, before = coupled(Ep, Ei, Np, its, nodes)
-    later = postorder(*tree(begin, before, weight[nodes]))
+    parent, rows, (row, found) = tree(begin, before, weight[nodes])
+    later = postorder(parent, rows)
     nodes, (begin, before) = nodes[later], renamed(begin, before, later)
-    Lp, Li = fill(begin, before)
+    Lp, Li = transposed(count, *renamed(row, found, later))
     place = np.empty(count, np.int64)
     for v in range(count):
         place[nodes[v]] = v
@@ -212,12 +213,18 @@ def padded_rows(m, order, indptr, indices):
 @kernel
 def tree(begin, before, weight):
     """(n,) the parent of each node in the elimination tree, n of a root, and how many rows its
-    columns of L have (Liu 1986); node v has weight[v] columns.
+    columns of L have; row (n + 1,), found: the rows of L but for the diagonal.
+
+    Node v has weight[v] columns.  Row v of L has the nodes on the paths of the elimination tree
+    that lead from its neighbours before v towards v (Liu 1986).
     """
-    n = begin.size - 1
+    n, end = begin.size - 1, 0
     parent, seen, rows = np.full(n, n, np.int32), np.full(n, -1, np.int32), weight.copy()
+    row, found = np.zeros(n + 1, np.int64), np.empty(n + 2 * before.size, np.int32)
     for v in range(n):
         seen[v] = v
+        if end + v > found.size:
+            found = np.concatenate((found, found))
         for b in range(begin[v], begin[v + 1]):
             u = before[b]
             while seen[u] != v:
@@ -225,35 +232,11 @@ def tree(begin, before, weight):
                     parent[u] = v
                 seen[u] = v
                 rows[u] += weight[v]
+                found[end] = u
+                end += 1
                 u = parent[u]
-    return parent, rows
-
-
-@kernel
-def fill(begin, before):
-    """Lp (n + 1,), Li: the rows of every column of L, by nodes, rising, the diagonal first.
-
-    Row v of L has the nodes on the paths of the elimination tree that lead from its neighbours
-    before v towards v (Liu 1986).
-    """
-    n = begin.size - 1
-    parent, rows = tree(begin, before, np.ones(n, np.int64))
-    Lp, seen = np.zeros(n + 1, np.int64), np.full(n, -1, np.int32)
-    for v in range(n):
-        Lp[v + 1] = Lp[v] + rows[v]
-    Li, at = np.empty(Lp[n], np.int32), Lp[:-1].copy()
-    for v in range(n):
-        seen[v] = v
-        Li[at[v]] = v
-        at[v] += 1
-        for b in range(begin[v], begin[v + 1]):
-            u = before[b]
-            while seen[u] != v:
-                seen[u] = v
-                Li[at[u]] = v
-                at[u] += 1
-                u = parent[u]
-    return Lp, Li
+        row[v + 1] = end
+    return parent, rows, (row, found[:end])
 
 
 @kernel
@@ -261,7 +244,10 @@ def postorder(parent, rows):
     """(n,) nodes in postorder of the elimination tree, of children that of most rows last."""
     n = parent.size
     child, sibling = np.full(n + 1, -1, np.int64), np.full(n, -1, np.int64)
-    for v in np.argsort(-rows, kind="mergesort"):
+    most = 0
+    for v in range(n):
+        most = max(most, rows[v])
+    for v in transposed(most + 1, np.arange(n + 1), most - rows)[1]:
         sibling[v] = child[parent[v]]
         child[parent[v]] = v
     order, stack = np.empty(n, np.int64), np.empty(n + 1, np.int64)
@@ -284,7 +270,8 @@ def postorder(parent, rows):
 
 @kernel
 def fronts(Lp, Li, start):
-    """first, front, Rp, Ri and Lp of the `Pattern` from the rows of L by nodes.
+    """first, front, Rp, Ri and Lp of the `Pattern` from Lp (n + 1,), Li: the rows of every column
+    of L past the diagonal, by nodes, rising.
 
     A node joins the front before it if that has it for parent, and at most `FEW_ZEROS` of the
     entries of the block are zero.
@@ -293,13 +280,14 @@ def fronts(Lp, Li, start):
     height, lead = np.zeros(n, np.int64), np.empty(n + 1, np.int64)
     filled, count = np.empty(n, np.int64), 0  # entries of the front
     for v in range(n):
+        height[v] = start[v + 1] - start[v]
         for l in range(Lp[v], Lp[v + 1]):
             height[v] += start[Li[l] + 1] - start[Li[l]]
         lead[count], filled[count] = v, triangle(start[v + 1] - start[v], height[v])
         count += 1
         while count > 1:
             last = lead[count - 1]
-            if Lp[last] - Lp[last - 1] < 2 or Li[Lp[last - 1] + 1] != last:
+            if Lp[last] == Lp[last - 1] or Li[Lp[last - 1]] != last:
                 break
             width = start[v + 1] - start[lead[count - 2]]
             room = triangle(width, width + height[v] - (start[v + 1] - start[v]))
@@ -323,7 +311,7 @@ def fronts(Lp, Li, start):
         for c in range(start[lead[s]], start[last + 1]):
             Ri[at], front[c] = c, s
             at += 1
-        for l in range(Lp[last] + 1, Lp[last + 1]):
+        for l in range(Lp[last], Lp[last + 1]):
             for c in range(start[Li[l]], start[Li[l] + 1]):
                 Ri[at] = c
                 at += 1
