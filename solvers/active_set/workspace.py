@@ -15,8 +15,7 @@ that far: so that they are whole vector instructions even where m is 9.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 from sys import getrefcount
 
 import numpy as np
@@ -50,6 +49,10 @@ SOLVED, INACCURATE, OUT_OF_PASSES = 0, 1, 2
 """What row COUNTS holds at STATUS."""
 
 
+ONCE = 2
+"""What `getrefcount` says of a member of a tuple, or of an attribute, that nobody else holds."""
+
+
 @dataclass(eq=False)
 class Workspace:
     """S (rows, n) float64, I (rows, n) int64; handed on from solve to solve, updated in place."""
@@ -57,20 +60,22 @@ class Workspace:
     S: Vector
     I: NDArray[np.int64]
     n: int
+    x: Vector = field(init=False)
+    """The row that begins with x."""
 
-    @cached_property
-    def x(self) -> Vector:
-        """The row that begins with x."""
-        row: Vector = self.S[X]
-        return row
+    def __post_init__(self) -> None:
+        self.x = self.S[X]
+
+    def lent_out(self) -> bool:
+        """Whether anybody else holds S, I, a row of them or x."""
+        kept = getrefcount(self.x) == getrefcount(self.I) == ONCE
+        return not kept or getrefcount(self.S) != ONCE + 1  # x is a row of it
 
 
 _MADE: list[tuple[Workspace, int]] = []
 """The last few rooms that were made, each with its n."""
 MOST_MADE, LARGEST = 2, 1 << 23
 """How many, and of how many bytes: beyond, memory would be kept for little."""
-ONCE = 2
-"""What `getrefcount` says of a member of a tuple that nobody else holds."""
 
 
 def _room(n: int) -> Workspace:
@@ -83,7 +88,7 @@ def _room(n: int) -> Workspace:
     """
     for _ in range(len(_MADE)):
         made = _MADE.pop(0)  # of two threads, one has it
-        if n <= made[1] <= 2 * n and getrefcount(made[0]) == ONCE:
+        if n <= made[1] <= 2 * n and getrefcount(made[0]) == ONCE and not made[0].lent_out():
             room = made[0]
             _MADE.append(made)
             return room

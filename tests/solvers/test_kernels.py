@@ -265,8 +265,17 @@ def test_memory_seen_otherwise_is_the_same_memory():
 @pytest.mark.parametrize("n", [9, 60])
 def test_a_room_that_nobody_holds_is_used_again_and_no_other(n):
     held = make_workspace(n, n)
-    let_go = id(make_workspace(n, n))
-    again = make_workspace(n, n)
-    assert id(again) == let_go
+    let_go = make_workspace(n, n).S.ctypes.data
+    view = make_workspace(n, n)
+    assert view.S.ctypes.data == let_go
+    view = view.S[3]  # holds all of it
     other = make_workspace(n, n)
-    assert len({id(held), id(again), id(other)}) == 3
+    places = {held.S.ctypes.data, view.base.ctypes.data, other.S.ctypes.data}
+    assert len(places) == 3
+
+
+@pytest.mark.parametrize("part", ["x", "S", "I"])
+def test_what_is_held_of_a_room_is_not_used_again(part):
+    kept = getattr(make_workspace(9, 9), part)
+    again = [make_workspace(9, 9) for _ in range(3)]
+    assert not any(np.shares_memory(kept, getattr(one, part)) for one in again)
