@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from harness.judging.error_bound import error_bound
-from problems import scene, simulate
 from problems.qp import ContactQP, Indices, Vector
 from solvers import make_solver
 from solvers.active_set.glambda import Glambda
@@ -382,16 +381,13 @@ def ridge_qp(seed: int, bodies: int, contacts: int, delta: float) -> ContactQP:
     return ContactQP(stacked, d, zero, inf, kind="minimum_norm", eps0=1e-12)
 
 
-@pytest.mark.parametrize("seed", [0, 1, 3])
+@pytest.mark.parametrize("seed", range(3))
 def test_a_leap_ends_at_the_same_force(seed: int) -> None:
-    """A tower that is shaken, all its friction sticking: ill-conditioned, and many sets to search.
+    """Most contacts are loose and a ridge tells which: many sets to search.
 
     An option about iterations makes the method walk all the way.
     """
-    still = simulate(scene("tower", bodies=400, mu=0.5, speed=0.0), Glambda(), until=1e-3)
-    qp = next(qp for qp in still.qps if qp.k == 1200)
-    shaken = qp.d + 0.05 * np.linalg.norm(qp.d) * np.random.default_rng(seed).standard_normal(qp.m)
-    qp = replace(qp, d=shaken, eps0=1e-9 * float(np.linalg.norm(shaken)))
+    qp = grid_qp(30, seed, loose=0.9)
     leapt = Glambda().solve(qp)
     walked = Glambda(iteration_limit=10**6).solve(qp)
     assert leapt.found and walked.found and leapt.work and walked.work

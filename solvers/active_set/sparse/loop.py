@@ -7,10 +7,11 @@ The steps are those of `method`, with some inner parts exchanged:
    L, and those that enter F enter L (`follow`).  When it pays to factorize anew is decided by a
    rule (`keep_account`).
 2. Many variables change sides at once.  Step 4 first tries the whole step, cut off at the bounds
-   variable by variable, and takes it where the objective falls at least as far as by the step to
-   the first bound; `glambda` sweeps over all variables then (`sweeps`).  Step 8 frees every
-   variable whose sign is wrong by a tenth of the worst.  Where A x did not move after that, one
-   variable at a time enters, as in the paper.
+   variable by variable, then a quarter of it and so on (Bertsekas 1982), and takes the first by
+   which the objective falls at least as far as by the step to the first bound (`step_length`);
+   `glambda` sweeps over all variables then (`sweeps`).  Step 8 frees every variable whose sign is
+   wrong by a thousandth of the worst.  Where A x did not move after that, one variable at a time
+   enters, as in the paper.
 3. F may hold columns that depend on each other, so that no set P is needed.  Conjugate gradients
    converge on singular systems that have a solution, and preconditioned by B_Fᵀ B_F + shift · 1,
    which commutes with B_Fᵀ B_F, they find the p of least norm: contacts that share a load share
@@ -58,6 +59,7 @@ from solvers.active_set.sparse.direction import (
     MANY,
     conjugate_gradients_sparse,
     direction,
+    enough_of,
     error_left,
     factorize_sparse,
     follow,
@@ -75,7 +77,7 @@ from solvers.active_set.sparse.workspace import (
     LARGEST_SHIFT,
     WORK,
 )
-from solvers.active_set.tolerances import FIRST_SHIFT, LEAST_SHIFT, NOISE, ROUNDING, SHARE
+from solvers.active_set.tolerances import FIRST_SHIFT, LEAST_SHIFT, ROUNDING, SHARE
 from solvers.active_set.workspace import (
     AGE,
     BEFORE,
@@ -130,7 +132,15 @@ after 50).
 """
 LEAPS = 30
 """Sets F that a leap tries."""
-TENTH = 0.1
+LENGTHS, SHORTER = 8, 0.25
+"""Steps that are tried for one direction, cut off at the bounds, and each in units of the last.
+
+With the first alone, heaps with friction take twice the directions: where loads are wrong by much
+in a few places, all of p is too long, and the first bound is close by.
+"""
+ENTERING = 1e-3
+"""Wrong signs that may enter, in units of the worst; with a tenth, one contact after the other
+entered along a tower."""
 
 
 @kernel
@@ -221,28 +231,44 @@ def take_gradient_sparse(pattern, Bx, S, row):
 
 
 @stage
-def cut_off(pattern, Bx, S, I, m, theta):
-    """Whether z + p, cut off at the bounds, lowers ½‖r‖² at least as far as the step θ p does."""
+def step_length(pattern, Bx, S, I, m, theta):
+    """The part of p to take, cut off at the bounds variable by variable: 1, ¼, 1/16, ... or θ.
+
+    The longest that lowers ½‖B z + d‖² at least as far as θ p does.  What a step changes of it,
+    Δᵀδz + ½‖B δz‖², is summed up itself: near the end it is less than rounding in the whole.
+    """
     inside = I[IN_F]
-    z, p, low, high = S[Z], S[P], S[LOWER], S[UPPER]
-    r, s, trial = S[RESIDUAL], S[REMAINDER], S[FRESH]
-    for i in range(m):
-        trial[i] = r[i]
-    for c in range(pattern.order.size):
+    z, p, low, high, gradient = S[Z], S[P], S[LOWER], S[UPPER], S[GRADIENT]
+    r, s, moved = S[RESIDUAL], S[REMAINDER], S[FRESH]
+    k, short, part = pattern.order.size, 0.0, 1.0
+    for c in range(k):
         if inside[c]:
-            value = min(max(z[c] + p[c], low[c]), high[c]) - z[c]
-            add(pattern.Bi, Bx, c, value, trial)
-    now = whole = short = 0.0
+            short += gradient[c] * theta * p[c]
     for i in range(m):
-        now += r[i] * r[i]
-        whole += trial[i] * trial[i]
-        short += (r[i] + theta * (s[i] - r[i])) ** 2
-    return whole <= short and whole < now
+        short += 0.5 * (theta * (s[i] - r[i])) ** 2
+    for _ in range(LENGTHS):
+        if part <= theta:
+            break
+        change = 0.0
+        for i in range(m):
+            moved[i] = 0.0
+        for c in range(k):
+            if inside[c]:
+                step = min(max(z[c] + part * p[c], low[c]), high[c]) - z[c]
+                add(pattern.Bi, Bx, c, step, moved)
+                change += gradient[c] * step
+        for i in range(m):
+            change += 0.5 * moved[i] * moved[i]
+        I[COUNTS, FLOPS] += 2 * pattern.nonzeros
+        if change <= short and change < 0.0:
+            return part
+        part *= SHORTER
+    return theta
 
 
 @stage
-def take_step_sparse(S, I, k, theta, cut):
-    """Steps 5 and 6: z := z + θ p, or z + p cut off; what reaches a bound leaves F.
+def take_step_sparse(S, I, k, length):
+    """Steps 5 and 6: z := z + length p, cut off at the bounds; what reaches one leaves F.
 
     Returns how many do.  Those that entered F since A x last moved are marked as thrown back.
     """
@@ -252,13 +278,12 @@ def take_step_sparse(S, I, k, theta, cut):
     for c in range(k):
         if not inside[c]:
             continue
-        step = p[c]
-        if step > 0 and (z[c] + step >= high[c] if cut else (high[c] - z[c]) / step <= theta):
+        if p[c] > 0 and (high[c] - z[c]) / p[c] <= length:
             z[c] = high[c]
-        elif step < 0 and (z[c] + step <= low[c] if cut else (low[c] - z[c]) / step <= theta):
+        elif p[c] < 0 and (low[c] - z[c]) / p[c] <= length:
             z[c] = low[c]
         else:
-            z[c] += step if cut else theta * step
+            z[c] += length * p[c]
             continue
         inside[c] = 0
         reached += 1
@@ -303,12 +328,11 @@ def leap(pattern, Bx, Lx, S, I, m, f, tolerance, rounding):
         follow(pattern, Bx, Lx, S, I, f)
         take_residual_sparse(pattern, Bx, S, m)
         take_gradient_sparse(pattern, Bx, S, RESIDUAL)
-        shift = S[REALS, SHIFT]
-        if shift > LEAST_SHIFT:
+        if S[REALS, SHIFT] > LEAST_SHIFT:
             break
-        noise = NOISE * f * rounding * rounding / shift if shift > 0.0 else 0.0
+        enough = enough_of(S, f, tolerance, rounding)
         made = conjugate_gradients_sparse(
-            pattern, Bx, Lx, S, I, m, tolerance, noise, MANY, False, False
+            pattern, Bx, Lx, S, I, m, tolerance, enough, MANY, False, False
         )
         made = made if made >= 0 else -1 - made
         I[COUNTS, DIRECTIONS] += 1
@@ -417,16 +441,16 @@ def choose_F(pattern, Bx, Lx, S, I, m, f, aim, rounding, mode):
 
 @stage
 def descend_sparse(pattern, Bx, Lx, S, I, m, f, aim, rounding, mode):
-    """Steps 3 to 6: a direction, and as much of it as is feasible, or all of it cut off.
+    """Steps 3 to 6: a direction, and as much of it as is feasible, or more of it, cut off.
 
     Returns how many reached a bound, θ, whether A x moved, rounding, and the age of an L given up.
     """
     age = direction(pattern, Bx, Lx, S, I, m, f, 0.5 * aim, rounding, mode)  # 3.
     theta = ratio_test_sparse(S, I, pattern.order.size)  # 4.
-    cut = theta < 1.0 and cut_off(pattern, Bx, S, I, m, theta)
-    reached = take_step_sparse(S, I, pattern.order.size, theta, cut)  # 5., 6.
+    length = step_length(pattern, Bx, S, I, m, theta) if theta < 1.0 else theta
+    reached = take_step_sparse(S, I, pattern.order.size, length)  # 5., 6.
     moved, rounding = take_residual_sparse(pattern, Bx, S, m)
-    I[COUNTS, FLOPS] += 2 * pattern.nonzeros * (1 if theta == 1.0 else 2)
+    I[COUNTS, FLOPS] += 2 * pattern.nonzeros
     I[COUNTS, CHANGES] += reached
     if moved:
         unmark(I, pattern.order.size)
@@ -560,7 +584,7 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
             break
         passes -= 1
         refining = inf
-        f += enter_sparse(S, I, k, entering, max(aim, TENTH * worst), one_by_one)
+        f += enter_sparse(S, I, k, entering, max(aim, ENTERING * worst), one_by_one)
 
     I[COUNTS, STATUS] = status
     if mode & ONLINE and I[COUNTS, DUE] == 0:
