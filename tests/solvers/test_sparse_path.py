@@ -171,7 +171,7 @@ def test_L_is_the_cholesky_factor(sizes: tuple[int, int, int], shift: float) -> 
     solve_LT(pattern, room.Lx, x)
     assert np.abs(L.T @ x - right).max() <= 1e-10 * max(1.0, np.abs(x).max())
     true = 1 / np.linalg.svd(L, compute_uv=False)[-1]
-    assert 0.1 * true <= inverse_norm(pattern, room.S, room.Lx) <= true * (1 + 1e-6)
+    assert 0.1 * true <= inverse_norm(pattern, room.S, room.I, room.Lx) <= true * (1 + 1e-6)
 
 
 @settings(max_examples=25)

@@ -226,10 +226,13 @@ def solve_LT(pattern, Lx, x):
 
 
 @kernel
-def inverse_norm(pattern, S, Lx):
-    """Estimate ‖L⁻¹‖₂ from below, as `factorization.inverse_norm_estimate` does for R = Lᵀ."""
+def inverse_norm(pattern, S, I, Lx):
+    """Estimate ‖L⁻¹‖₂ from below, as `factorization.inverse_norm_estimate` does for R = Lᵀ.
+
+    Of the columns with I[IN_L] = 1; the others are those of the identity.
+    """
     first, Rp, Ri, Lp = pattern.first, pattern.Rp, pattern.Ri, pattern.Lp
-    sums, y = S[V], S[Y]
+    sums, y, inside = S[V], S[Y], I[IN_L]
     for c in range(first[first.size - 1]):
         sums[c] = 0.0
     before = 0.0
@@ -237,6 +240,9 @@ def inverse_norm(pattern, S, Lx):
         height = Rp[s + 1] - Rp[s]
         for q in range(first[s + 1] - first[s]):
             c, at = first[s] + q, Lp[s] + q * height
+            if not inside[c]:
+                y[c] = 0.0
+                continue
             sign = -1.0 if sums[c] > 0 else 1.0
             greedy, other = (sign - sums[c]) * Lx[at + q], (-sign - sums[c]) * Lx[at + q]
             grown_greedy, grown_other = abs(greedy), abs(other)

@@ -100,11 +100,12 @@ def factorize_sparse(pattern, Bx, Lx, S, I, f):
         flops = cholesky(pattern, Bx, S, I, Lx, S[REALS, SHIFT])
     S[REALS, FACTORIZATION_FLOPS] = flops
     k = pattern.order.size
-    for c in range(k):
-        for b in range(Bx.shape[1]):
-            Bx[k + c, b] = Bx[c, b]
+    if I[COUNTS, AGE] > 0:
+        for c in range(k):
+            for b in range(Bx.shape[1]):
+                Bx[k + c, b] = Bx[c, b]
     S[REALS, FACTORIZATION_COST] = PER_FLOP * flops + PER_ENTRY * pattern.entries + PER_COLUMN * k
-    S[REALS, INVERSE_NORM] = inverse_norm(pattern, S, Lx)
+    S[REALS, INVERSE_NORM] = inverse_norm(pattern, S, I, Lx)
     I[COUNTS, AGE] = 0
     I[COUNTS, FACTORIZATIONS] += 1
     I[COUNTS, FLOPS] += flops + 8 * pattern.entries
