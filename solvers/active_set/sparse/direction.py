@@ -33,7 +33,7 @@ from solvers.active_set.sparse.workspace import (
     IN_L,
     LARGEST_SHIFT,
 )
-from solvers.active_set.tolerances import LAST_STEP, LEAST_SHIFT, LOWERED, NOISE, ROUGH
+from solvers.active_set.tolerances import LEAST_SHIFT, LOWERED, NOISE, ROUGH
 from solvers.active_set.workspace import (
     AGE,
     CG_ITERATIONS,
@@ -183,17 +183,10 @@ def iteration_flops(pattern, f, m, plain):
 
 
 @kernel
-def enough_of(S, f, tolerance, rounding):
-    """vᵀ(L Lᵀ)⁻¹v, the square of what is left in A p, at which one more step will do.
-
-    Where columns depend on each other: there is no end to conjugate gradients otherwise than by
-    p so long along what has only just become independent that it ends at one bound after another.
-    """
+def enough_of(S, f, rounding):
+    """vᵀ(L Lᵀ)⁻¹v, the square of what is left in A p, at which it may be rounding."""
     shift = S[REALS, SHIFT]
-    if shift == 0.0:
-        return 0.0
-    left = LAST_STEP * tolerance * S[REALS, INVERSE_NORM]
-    return max(left * left, NOISE * f * rounding * rounding / shift)
+    return NOISE * f * rounding * rounding / shift if shift > 0.0 else 0.0
 
 
 @stage
@@ -319,7 +312,7 @@ def direction(pattern, Bx, Lx, S, I, m, f, tolerance, rounding, mode):
             limit = ceil(2.0 * many) if S[REALS, SHIFT] > LEAST_SHIFT else MOST_ITERATIONS
         elif interval > 0 or mode & DEFERRED:
             limit = MOST_ITERATIONS
-        enough = 0.0 if plain else enough_of(S, f, tolerance, rounding)
+        enough = 0.0 if plain else enough_of(S, f, rounding)
         made = conjugate_gradients_sparse(pattern, Bx, Lx, S, I, m, tolerance, enough, limit, plain)
         spent = made if made >= 0 else -1 - made
         I[COUNTS, CG_ITERATIONS] += spent
