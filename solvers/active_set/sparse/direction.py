@@ -183,7 +183,7 @@ def iteration_flops(pattern, f, m, plain):
 
 
 @kernel
-def enough_of(S, f, rounding):
+def noise_of(S, f, rounding):
     """vᵀ(L Lᵀ)⁻¹v, the square of what is left in A p, at which it may be rounding."""
     shift = S[REALS, SHIFT]
     return NOISE * f * rounding * rounding / shift if shift > 0.0 else 0.0
@@ -202,7 +202,7 @@ def is_blocked(S, I, k):
 
 @kernel
 def conjugate_gradients_sparse(
-    pattern, Bx, Lx, S, I, m, tolerance, enough, limit, plain, bounded=True
+    pattern, Bx, Lx, S, I, m, tolerance, noise, limit, plain, bounded=True
 ):
     """Minimise ‖B_F p + r‖ over p, preconditioned by L Lᵀ, until ‖B_Fᵀ(B_F p + r)‖ ≤ tolerance.
 
@@ -214,7 +214,7 @@ def conjugate_gradients_sparse(
     v = B_Fᵀ s, y = M⁻¹ v, q := −y + (vᵀy/vᵀy before) q, α = vᵀy/‖B_F q‖² (Björck and Elfving 1979).
 
     Rounding in v along what is dependent weighs 1/shift in vᵀy, and where that is most of it α is
-    far too long.  So vᵀy at or below `enough` makes for a last step, with q = −y and α = 1, which
+    far too long.  So vᵀy at or below `noise` makes for a last step, with q = −y and α = 1, which
     is iterative refinement.
     """
     k = pattern.order.size
@@ -256,7 +256,7 @@ def conjugate_gradients_sparse(
         before, gamma = gamma, 0.0
         for c in range(k):
             gamma += v[c] * y[c]
-        last = gamma <= enough
+        last = gamma <= noise
         ratio = 0.0 if last else gamma / before
         for i in range(m):
             w[i] = 0.0
@@ -312,8 +312,8 @@ def direction(pattern, Bx, Lx, S, I, m, f, tolerance, rounding, mode):
             limit = ceil(2.0 * many) if S[REALS, SHIFT] > LEAST_SHIFT else MOST_ITERATIONS
         elif interval > 0 or mode & DEFERRED:
             limit = MOST_ITERATIONS
-        enough = 0.0 if plain else enough_of(S, f, rounding)
-        made = conjugate_gradients_sparse(pattern, Bx, Lx, S, I, m, tolerance, enough, limit, plain)
+        noise = 0.0 if plain else noise_of(S, f, rounding)
+        made = conjugate_gradients_sparse(pattern, Bx, Lx, S, I, m, tolerance, noise, limit, plain)
         spent = made if made >= 0 else -1 - made
         I[COUNTS, CG_ITERATIONS] += spent
         I[COUNTS, FLOPS] += spent * C_IT

@@ -59,13 +59,13 @@ from solvers.active_set.sparse.direction import (
     MANY,
     conjugate_gradients_sparse,
     direction,
-    enough_of,
     error_left,
     factorize_sparse,
     follow,
     has_todays_L,
     is_of_this_A,
     iteration_flops,
+    noise_of,
 )
 from solvers.active_set.sparse.interior import approach
 from solvers.active_set.sparse.pattern import SLOTS
@@ -345,9 +345,9 @@ def leap(pattern, Bx, Lx, S, I, m, f, tolerance, rounding):
         take_gradient_sparse(pattern, Bx, S, RESIDUAL)
         if S[REALS, SHIFT] > LEAST_SHIFT:
             break
-        enough = enough_of(S, f, rounding)
+        noise = noise_of(S, f, rounding)
         made = conjugate_gradients_sparse(
-            pattern, Bx, Lx, S, I, m, tolerance, enough, MANY, False, False
+            pattern, Bx, Lx, S, I, m, tolerance, noise, MANY, False, False
         )
         made = made if made >= 0 else -1 - made
         I[COUNTS, DIRECTIONS] += 1
