@@ -204,17 +204,18 @@ class Poser:
         )
         x = np.asarray(solution.x)
         if mu.any():
-            within = np.abs(x) < upper - BEYOND * radius.max(initial=0.0)
+            slack = BEYOND * radius.max(initial=0.0)
+            within = (np.abs(x) < upper - slack) | ~_pressed(qp, x, self.accuracy)
             x = self._least(qp, x, rows, mu * share_of(self.scene.faces), within)
         return qp, x
 
     def _least(
         self, qp: ContactQP, x: Vector, rows: Sequence[Row], mu: Vector, within: Mask
     ) -> Vector:
-        """x of least norm with the same A x; those at their bounds keep what they are.
+        """x of least norm with the same A x; those pressed to their bounds keep what they are.
 
         They slide, and the bound is lagged: the λ_N of their own QP may be just too small for it.
-        within : (k,) which x are not at their bounds
+        within : (k,) which x are not
         """
         kept = [row for row, free in zip(rows, within, strict=True) if free]
         part = ContactQP(
@@ -390,6 +391,16 @@ def _forces(rows: Sequence[Row], x: Vector, n: int) -> tuple[Vector, Vector]:
         elif row.of >= 0:
             friction[row.of] += value * row.direction
     return lam, friction
+
+
+def _pressed(qp: ContactQP, x: Vector, eps0: float) -> Mask:
+    """(k,) which x are at their bound in every solution: |a_jᵀ r| > ε₀ ‖a_j‖, r = A x + d.
+
+    r is unique, and x is not: what is at its bound in this x may be inside in another.
+    """
+    squares = qp.A.multiply(qp.A) if sp.issparse(qp.A) else qp.A**2
+    lengths = np.sqrt(np.asarray(squares.sum(axis=0)).ravel())
+    return np.asarray(np.abs(qp.A.T @ qp.residual(x)) > eps0 * lengths)
 
 
 def _coulomb(rows: Sequence[Row], mu: Vector) -> sp.csr_array:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 import pytest
+from scipy.optimize import linprog
 
 from problems import scene, simulate
+from problems.qp import ContactQP
 from problems.space import Plane, Solid, SpaceScene, ball, block
 from problems.space.attitude import UPRIGHT, attitude, rotations
 from problems.space.box_box import BoxAt, box_box
 from solvers import make_solver
+from tests.fakes.crooked import Right
 
 BACKENDS = ("glambda", "lotstedt", "daqp", "quadprog", "piqp", "clarabel", "highs", "scipy_bvls")
 
@@ -26,6 +32,26 @@ def test_a_pyramid_of_thirty_rests():
     assert found.poses.shape[1] == 30 and not found.event_log
     assert np.abs(found.poses - found.poses[0]).max() < 1e-10
     assert found.counts["unsettled"] == 0
+
+
+@dataclass(frozen=True)
+class AtACorner(Right):
+    """Of all x with the right force, one at a corner of their set, in a direction by chance."""
+
+    def answer(self, qp: ContactQP) -> Any:
+        x = super().answer(qp)
+        if qp.kind == "minimum_norm":
+            return x
+        way, A = np.random.default_rng(1).normal(size=qp.k), qp.dense_A
+        bounds = np.column_stack([qp.lower, qp.upper])
+        found = linprog(way, A_eq=A, b_eq=A @ x, bounds=bounds, method="highs-ds")
+        return np.clip(found.x, qp.lower, qp.upper) if found.status == 0 else x
+
+
+def test_a_tower_rests_whichever_x_of_the_same_force_a_solver_returns():
+    found = simulate(scene("space_tower", bodies=3), AtACorner(), fixed_step=0.01, until=0.03)
+    assert not found.event_log and found.counts["unsettled"] == 0  # none slips: all loads are least
+    assert found.reactions[1:, :, 2] == pytest.approx(9.81, abs=1e-6)
 
 
 def test_every_backend_finds_the_same_force():
