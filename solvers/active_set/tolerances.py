@@ -38,5 +38,8 @@ ROUGH = 1e-3
 PATH_END = 1e-14
 """Interior points end at this part of ‖d‖² by which the objective can still fall, so that A x is
 right to 1e-7 ‖d‖."""
-NOISE = 10.0
+LAST_STEP = 0.2
+"""(vᵀy)^½, in units of the error in A p that the tolerance stands for by (3.20), below which one
+more step of conjugate gradients will do."""
+NOISE = 2.0
 """vᵀy in units of f (rounding in one Δ_j)²/shift, below which it may be rounding."""

@@ -33,7 +33,7 @@ from solvers.active_set.sparse.workspace import (
     IN_L,
     LARGEST_SHIFT,
 )
-from solvers.active_set.tolerances import LEAST_SHIFT, LOWERED, NOISE, ROUGH
+from solvers.active_set.tolerances import LAST_STEP, LEAST_SHIFT, LOWERED, NOISE, ROUGH
 from solvers.active_set.workspace import (
     AGE,
     CG_ITERATIONS,
@@ -183,10 +183,17 @@ def iteration_flops(pattern, f, m, plain):
 
 
 @kernel
-def noise_of(S, f, rounding):
-    """vᵀ(L Lᵀ)⁻¹v, the square of what is left in A p, at which it may be rounding."""
+def enough_of(S, f, tolerance, rounding):
+    """vᵀ(L Lᵀ)⁻¹v, the square of what is left in A p, at which one more step will do.
+
+    Where columns depend on each other: there is no end to conjugate gradients otherwise than by
+    p so long along what has only just become independent that it ends at one bound after another.
+    """
     shift = S[REALS, SHIFT]
-    return NOISE * f * rounding * rounding / shift if shift > 0.0 else 0.0
+    if shift == 0.0:
+        return 0.0
+    left = LAST_STEP * tolerance * S[REALS, INVERSE_NORM]
+    return max(left * left, NOISE * f * rounding * rounding / shift)
 
 
 @stage
@@ -202,7 +209,7 @@ def is_blocked(S, I, k):
 
 @kernel
 def conjugate_gradients_sparse(
-    pattern, Bx, Lx, S, I, m, tolerance, noise, limit, plain, bounded=True
+    pattern, Bx, Lx, S, I, m, tolerance, enough, limit, plain, bounded=True
 ):
     """Minimise ‖B_F p + r‖ over p, preconditioned by L Lᵀ, until ‖B_Fᵀ(B_F p + r)‖ ≤ tolerance.
 
@@ -214,7 +221,7 @@ def conjugate_gradients_sparse(
     v = B_Fᵀ s, y = M⁻¹ v, q := −y + (vᵀy/vᵀy before) q, α = vᵀy/‖B_F q‖² (Björck and Elfving 1979).
 
     Rounding in v along what is dependent weighs 1/shift in vᵀy, and where that is most of it α is
-    far too long.  So vᵀy at or below `noise` makes for a last step, with q = −y and α = 1, which
+    far too long.  So vᵀy at or below `enough` makes for a last step, with q = −y and α = 1, which
     is iterative refinement.
     """
     k = pattern.order.size
@@ -256,7 +263,7 @@ def conjugate_gradients_sparse(
         before, gamma = gamma, 0.0
         for c in range(k):
             gamma += v[c] * y[c]
-        last = gamma <= noise
+        last = gamma <= enough
         ratio = 0.0 if last else gamma / before
         for i in range(m):
             w[i] = 0.0
@@ -312,8 +319,8 @@ def direction(pattern, Bx, Lx, S, I, m, f, tolerance, rounding, mode):
             limit = ceil(2.0 * many) if S[REALS, SHIFT] > LEAST_SHIFT else MOST_ITERATIONS
         elif interval > 0 or mode & DEFERRED:
             limit = MOST_ITERATIONS
-        noise = 0.0 if plain else noise_of(S, f, rounding)
-        made = conjugate_gradients_sparse(pattern, Bx, Lx, S, I, m, tolerance, noise, limit, plain)
+        enough = 0.0 if plain else enough_of(S, f, tolerance, rounding)
+        made = conjugate_gradients_sparse(pattern, Bx, Lx, S, I, m, tolerance, enough, limit, plain)
         spent = made if made >= 0 else -1 - made
         I[COUNTS, CG_ITERATIONS] += spent
         I[COUNTS, FLOPS] += spent * C_IT

@@ -7,11 +7,11 @@ The steps are those of `method`, with some inner parts exchanged:
    L, and those that enter F enter L (`follow`).  When it pays to factorize anew is decided by a
    rule (`keep_account`).
 2. Many variables change sides at once.  Step 4 first tries the whole step, cut off at the bounds
-   variable by variable, then, where x is unique, a quarter of it and so on (Bertsekas 1982), and
-   takes the first by which the objective falls at least as far as by the step to the first bound
-   (`step_length`); `glambda` sweeps over all variables then (`sweeps`).  Step 8 frees every
-   variable whose sign is wrong by a thousandth of the worst, or by a tenth where x is not unique.
-   Where A x did not move after that, one variable at a time enters, as in the paper.
+   variable by variable, then a quarter of it and so on (Bertsekas 1982), and takes the first by
+   which the objective falls at least as far as by the step to the first bound (`step_length`);
+   `glambda` sweeps over all variables then (`sweeps`).  Step 8 frees every variable whose sign is
+   wrong by a thousandth of the worst.  Where A x did not move after that, one variable at a time
+   enters, as in the paper.
 3. F may hold columns that depend on each other, so that no set P is needed.  Conjugate gradients
    converge on singular systems that have a solution, and preconditioned by B_Fᵀ B_F + shift · 1,
    which commutes with B_Fᵀ B_F, they find the p of least norm: contacts that share a load share
@@ -59,13 +59,13 @@ from solvers.active_set.sparse.direction import (
     MANY,
     conjugate_gradients_sparse,
     direction,
+    enough_of,
     error_left,
     factorize_sparse,
     follow,
     has_todays_L,
     is_of_this_A,
     iteration_flops,
-    noise_of,
 )
 from solvers.active_set.sparse.interior import approach
 from solvers.active_set.sparse.pattern import SLOTS
@@ -77,7 +77,7 @@ from solvers.active_set.sparse.workspace import (
     LARGEST_SHIFT,
     WORK,
 )
-from solvers.active_set.tolerances import FIRST_SHIFT, LEAST_SHIFT, ROUNDING, SHARE, UNIT_ROUNDOFF
+from solvers.active_set.tolerances import FIRST_SHIFT, LEAST_SHIFT, ROUNDING, SHARE
 from solvers.active_set.workspace import (
     AGE,
     BEFORE,
@@ -135,13 +135,12 @@ LEAPS = 30
 LENGTHS, SHORTER = 8, 0.25
 """Steps that are tried for one direction, cut off at the bounds, and each in units of the last.
 
-With the first alone, or that to the first bound, heaps take up to three times the directions.
+With the first alone, heaps with friction take twice the directions: where loads are wrong by much
+in a few places, all of p is too long, and the first bound is close by.
 """
 ENTERING = 1e-3
-"""Wrong signs that may enter, in units of the worst, where x is unique; with a tenth, one contact
-after the other entered along a tower."""
-TENTH = 0.1
-"""The same where it is not."""
+"""Wrong signs that may enter, in units of the worst; with a tenth, one contact after the other
+entered along a tower."""
 
 
 @kernel
@@ -231,29 +230,17 @@ def take_gradient_sparse(pattern, Bx, S, row):
         gradient[c] = dot(pattern.Bi, Bx, c, x)
 
 
-@kernel
-def has_one_answer(S):
-    """Whether no columns of F are known to depend on each other, and there is no ridge."""
-    return S[REALS, SHIFT] == 0.0 and S[REALS, LARGEST_SHIFT] != LEAST_SHIFT
-
-
 @stage
 def step_length(pattern, Bx, S, I, m, theta):
     """The part of p to take, cut off at the bounds variable by variable: 1, ¼, 1/16, ... or θ.
 
     The longest that lowers ½‖B z + d‖² at least as far as θ p does.  What a step changes of it,
     Δᵀδz + ½‖B δz‖², is summed up itself: near the end it is less than rounding in the whole.
-    Where x is not unique, only all of p is tried, and only what is more than that rounding counts:
-    loads that are shared would wander otherwise, and passes with friction not settle.
     """
     inside = I[IN_F]
     z, p, low, high, gradient = S[Z], S[P], S[LOWER], S[UPPER], S[GRADIENT]
     r, s, moved = S[RESIDUAL], S[REMAINDER], S[FRESH]
-    k, short, part, least = pattern.order.size, 0.0, 1.0, 0.0
-    one = has_one_answer(S)
-    if not one:
-        for i in range(m):
-            least += UNIT_ROUNDOFF * r[i] * r[i]
+    k, short, part = pattern.order.size, 0.0, 1.0
     for c in range(k):
         if inside[c]:
             short += gradient[c] * theta * p[c]
@@ -273,10 +260,8 @@ def step_length(pattern, Bx, S, I, m, theta):
         for i in range(m):
             change += 0.5 * moved[i] * moved[i]
         I[COUNTS, FLOPS] += 2 * pattern.nonzeros
-        if change <= short and change < -least:
+        if change <= short and change < 0.0:
             return part
-        if not one:
-            break
         part *= SHORTER
     return theta
 
@@ -345,9 +330,9 @@ def leap(pattern, Bx, Lx, S, I, m, f, tolerance, rounding):
         take_gradient_sparse(pattern, Bx, S, RESIDUAL)
         if S[REALS, SHIFT] > LEAST_SHIFT:
             break
-        noise = noise_of(S, f, rounding)
+        enough = enough_of(S, f, tolerance, rounding)
         made = conjugate_gradients_sparse(
-            pattern, Bx, Lx, S, I, m, tolerance, noise, MANY, False, False
+            pattern, Bx, Lx, S, I, m, tolerance, enough, MANY, False, False
         )
         made = made if made >= 0 else -1 - made
         I[COUNTS, DIRECTIONS] += 1
@@ -599,8 +584,7 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
             break
         passes -= 1
         refining = inf
-        share = ENTERING if has_one_answer(S) else TENTH
-        f += enter_sparse(S, I, k, entering, max(aim, share * worst), one_by_one)
+        f += enter_sparse(S, I, k, entering, max(aim, ENTERING * worst), one_by_one)
 
     I[COUNTS, STATUS] = status
     if mode & ONLINE and I[COUNTS, DUE] == 0:
