@@ -398,8 +398,7 @@ def _pressed(qp: ContactQP, x: Vector, eps0: float) -> Mask:
 
     r is unique, and x is not: what is at its bound in this x may be inside in another.
     """
-    squares = qp.A.multiply(qp.A) if sp.issparse(qp.A) else qp.A**2
-    lengths = np.sqrt(np.asarray(squares.sum(axis=0)).ravel())
+    lengths = np.sqrt((qp.A * qp.A).sum(axis=0))
     return np.asarray(np.abs(qp.A.T @ qp.residual(x)) > eps0 * lengths)
 
 
