@@ -17,6 +17,7 @@ from problems.bodies.path import Path
 from problems.contacts.active_kernels import Frictions
 from problems.contacts.assembly import Assembly, scaled_matrix
 from problems.contacts.constraint_graph import ActiveSet
+from problems.contacts.layout import Layout
 from problems.formulas.multistep import asked_accuracy
 from problems.friction.passes import ANSWER, FAILED, FORCES, GUESS, Passes
 from problems.friction.posed import PosedPasses
@@ -27,6 +28,7 @@ from problems.qp_kernel import NO_METHOD, WARM
 from problems.stepping.drift import closing_motion
 from problems.stepping.records import (
     CLOCK,
+    FIRST_TRIAL,
     FORCED,
     LOOK_BACK,
     MOST,
@@ -104,8 +106,7 @@ class Driver:
     def begin(self, end: float) -> None:
         """The first trial of the next step, which is not to go beyond `end` [s]."""
         self._end = end
-        self._trial[:] = 0
-        self.trial["longest"] = self.trial["cut"] = inf
+        self._trial[0] = FIRST_TRIAL
         self.prepare()
 
     @property
@@ -185,17 +186,19 @@ class Driver:
         if places:
             active = active.carried_by(graph.geometry, places)
         own = np.array([friction.sign for friction in active.frictions], dtype=np.float64)
+        # one that slides, and sticks in this trial
+        watched = signs is not None and bool((own[signs == 0] != 0).any())
         signs = own if signs is None else signs
         layout = active.layout(signs)
-        asks = self._always_asks or trial["stuck"] or system.qps.compiled(layout.k) is None
-        trial["asks"] = trial["asks"] or asks
-        trial["stage"] = LOOK_BACK
-        self._set_clock(bool(trial["asks"]))
+        asks = self._always_asks or bool(trial["asks"]) or bool(trial["stuck"])
+        asks = asks or system.qps.compiled(layout.k) is None
+        trial["asks"], trial["stage"] = asks, LOOK_BACK
+        self._set_clock(asks, watched)
         near = graph.candidates
         if not trial["looked"]:
             near.renew(system.q, active.place)
         L = near.corner.size
-        passes, ends = self._room(active, signs, bool(trial["asks"]))
+        passes, ends = self._room(active, layout, signs, asks)
         if not self._settings.supplied:
             # constant on the way, but one may begin or end at t itself
             clock = self._clock[0]
@@ -205,7 +208,6 @@ class Driver:
         rows = active.normal_ids.size + signs.size
         if self._multipliers.size < MOST * rows:
             self._multipliers = np.empty(2 * MOST * rows)
-        self._tally[0]["watched"] |= bool((own[signs == 0] != 0).any())
         self._active, self._places, self._posed = active, places, None
         self._run = Steps(
             shapes=system.shapes,
@@ -238,25 +240,25 @@ class Driver:
         else:
             self.trial["stage"] = TRY
 
-    def _set_clock(self, asks: bool) -> None:
-        """The state where steps begin, and how far they may go."""
-        system, history = self.system, self.system.history
-        state, clock, tally = self._state, self._clock[0], self._tally[0]
+    def _set_clock(self, asks: bool, watched: bool) -> None:
+        """The state where steps begin, and how far they may go; `watched` as in `TALLY`."""
+        system, history, state = self.system, self.system.history, self._state
         state.q[:], state.v[:], state.v_before[:] = system.q, history.v, history.v_before
         for i, array in enumerate((state.a, state.a_before)):
             array[:] = history.a[i] if i < len(history.a) else 0.0
-        ahead = system.scheduled()
-        clock["time"], clock["h"], clock["wish"] = system.t, history.h, system.h_last
-        clock["until"] = min(ahead, self._end)
-        self._tally[:] = 0
-        tally["steps"], tally["known"] = history.steps, system.lam_known
-        tally["most"] = min(max(1, ASKED // system.q.size), MOST) if asks else MOST
-        tally["is_open"] = self._end < ahead
-        tally["watched"] = system.gain_watch.failed or system.options.drift == "projection"
+        ahead, end = system.scheduled(), self._end
+        most = min(max(1, ASKED // system.q.size), MOST) if asks else MOST
+        watched = watched or system.gain_watch.failed or system.options.drift == "projection"
+        # in the order of `CLOCK` and `TALLY`
+        self._clock[0] = system.t, history.h, system.h_last, min(ahead, end)
+        known = history.steps, system.lam_known
+        self._tally[0] = (*known, 0, most, 0, 0, end < ahead, watched, 0)
 
-    def _room(self, active: ActiveSet, signs: Vector, asks: bool) -> tuple[Passes, Ends]:
+    def _room(
+        self, active: ActiveSet, layout: Layout, signs: Vector, asks: bool
+    ) -> tuple[Passes, Ends]:
         """What these contacts are stepped with, the same arrays each time."""
-        layout, D = active.layout(signs), self.system.D
+        D = self.system.D
         rubs = active.friction_of, active.first, active.mu, signs
         frictions = Frictions(*rubs, *layout.columns)
         size = 2 * D.size + layout.k + self.system.shapes.corner_body.size

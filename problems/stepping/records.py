@@ -106,6 +106,9 @@ stops : whether a stop is passed
 stuck : whether λ_* begins with ∞, as if every contact in J_FO stuck whatever its load
 asks : whether QPs are asked for
 """
+FIRST_TRIAL = np.zeros((), TRIAL)
+"""Of a step whose length is not limited by any before it."""
+FIRST_TRIAL["longest"] = FIRST_TRIAL["cut"] = np.inf
 
 
 class Near(NamedTuple):

@@ -42,6 +42,7 @@ from collections.abc import Callable
 from typing import Any, final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from problems.contacts.constraint_graph import Friction
 from problems.formulas.multistep import SHORTEST_STEP
@@ -307,15 +308,22 @@ class Stepper:
         transitions.watch_gain(step, signs)
         if driver.trial["stuck"]:
             transitions.jam(step)
-        held = (signs == 0) & ~transitions.slides(step)
+        slides = transitions.slides(step)
+        held = (signs == 0) & ~slides
         ends = np.flatnonzero(held | (lengths <= step.h))
         stopped = [step.assembly.frictions[j] for j in ends]
         stopped = [friction for friction in stopped if friction.sign != 0]
-        self._after_step(step, ahead, stopped)
+        self._after_step(step, ahead, stopped, slides)
         self._watch_rest()
 
-    def _after_step(self, step: VelocityStep, ahead: Ahead, stopped: list[Friction]) -> None:
-        """Steps 3 and 4, at the end of an accepted step."""
+    def _after_step(
+        self,
+        step: VelocityStep,
+        ahead: Ahead,
+        stopped: list[Friction],
+        slides: NDArray[np.bool_],
+    ) -> None:
+        """Steps 3 and 4, at the end of an accepted step; slides (F,), see `Transitions.slides`."""
         hits = [hit for hit in ahead.hits if hit.h <= step.h + SAME_TIME]
         losses = [loss for loss in ahead.losses if loss.h <= step.h + SAME_TIME]
         there = ahead.h <= step.h + SAME_TIME
@@ -334,7 +342,7 @@ class Stepper:
         if stopped or losses or switches:
             return
         self.transitions.drop_separating(step.assembly, step.gap_speed)
-        for j in np.flatnonzero(self.transitions.slides(step)):
+        for j in np.flatnonzero(slides):
             friction = step.assembly.frictions[j]
             if friction.sign == 0 and friction.row_id in self.system.graph.frictions:
                 self.transitions.slip(friction, -int(np.sign(step.slip_speed[j])))

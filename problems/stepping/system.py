@@ -150,7 +150,7 @@ class System:
 
     def external_impulse(self, t: float) -> Vector:
         """F (3n,) of the impulses up to t [s] that have not acted yet."""
-        F = np.zeros_like(self.q)
+        F = np.zeros(self.q.size)
         while self._impulses and self._impulses[0].t <= t + SHORTEST_STEP:
             impulse = self._impulses.popleft()
             F[3 * impulse.body : 3 * impulse.body + 3] += impulse.value

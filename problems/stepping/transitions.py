@@ -240,6 +240,8 @@ class Transitions:
         So do those that have opened slowly, but wide; see `separates`.  λ is not looked at: an
         interior-point method's is never exactly 0.
         """
+        if speed.max(initial=0.0) <= OPENING * self.system.options.drop_tol:
+            return
         wide = self.graph.geometry.tolerances(assembly.place)
         phi, threshold = assembly.columns.phi, self.system.options.drop_tol
         touching = assembly.touching
