@@ -84,6 +84,14 @@ def usable(start: Solution | None) -> Solution | None:
     return start
 
 
+def started(start: Solution | None) -> Start | None:
+    """What is known of a usable solution, its rows as they were."""
+    known = usable(start)
+    if known is None or known.x is None:
+        return None
+    return Start(known.x, known.working_set, known.row_id, known.memory)
+
+
 def carry_over(start: Start, qp: ContactQP) -> Start:
     """Map a start whose rows are as they were onto the rows of `qp` by `row_id`."""
     x, members, before = start.x, start.working_set, start.previous
@@ -175,13 +183,9 @@ class Solver(abc.ABC):
         Raises `Unsupported` for a QP that this method cannot take; a solve that fails does not
         raise, it returns its `Status`.
         """
-        start = usable(start)
-        warm: Start | None = None
-        if start is not None:
-            assert start.x is not None
-            warm = Start(start.x, start.working_set, start.row_id, start.memory)
-            if not self.maps_rows:
-                warm = carry_over(warm, qp)
+        warm = started(start)
+        if warm is not None and not self.maps_rows:
+            warm = carry_over(warm, qp)
         clock, asked = time.perf_counter, self.asked(qp)
         t0 = clock()
         problem = self.build(qp, warm)

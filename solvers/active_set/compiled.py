@@ -24,7 +24,8 @@ SOURCES = sources(
 
 kernel = compiled.kernel_decorator(SOURCES)
 stage = compiled.kernel_decorator(SOURCES, inline="always")
-"""A kernel that is a part of one other: it is compiled there and nowhere else."""
+"""A kernel that is compiled into those that call it, and nowhere else: a part of one other, or so
+small that to be handed its arrays takes longer than what it does (b_cᵀx: 12 ns called, 2.5 not)."""
 function = compiled.function_decorator(SOURCES, SIGNATURE)
 
 

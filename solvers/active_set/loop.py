@@ -269,7 +269,7 @@ def take_step(S, I, f, theta):
     return reached
 
 
-@kernel
+@stage
 def wrong_sign(S, j):
     """Step 8: by how much Δ_j has the wrong sign for where z_j is; |Δ_j| between the bounds."""
     wrong = 0.0

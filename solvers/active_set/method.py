@@ -53,6 +53,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
+from problems.kernels.compiled import Direct
 from problems.qp import ContactQP, Matrix, Solution, Status, WorkCounts
 from problems.qp_kernel import WARM
 from solvers.active_set.compiled import entry
@@ -88,7 +89,7 @@ from solvers.active_set.workspace import (
     X,
     make_workspace,
 )
-from solvers.base import Answer, Form, Solver, Start, usable
+from solvers.base import Answer, Form, Solver, Start, started, usable
 
 CROSSOVER = 48
 """Columns up to which today's factorization is faster than an old R, dense or sparse.
@@ -128,7 +129,8 @@ run_dense = entry(
     algorithm_2,
     *("matrix", "vector", "vector", "vector", "indices", "floats", "ints", "float", "int"),
 )
-"""`algorithm_2` as a callable that trusts its arguments: `ContactQP` has made sure of them."""
+run_sparse = Direct(sparse_algorithm_2)
+"""Both as callables that trust their arguments: `ContactQP` has made sure of them."""
 
 
 def is_small_or_full(A: Matrix) -> bool:
@@ -218,6 +220,17 @@ def room_after(start: Solution, m: int, k: int) -> Workspace | None:
     return dense_room(m, k, Start(known.x, known.working_set, known.row_id, room))
 
 
+def kept_room(start: Solution | None, A: Matrix) -> SparseWorkspace | None:
+    """The workspace of `start` if it is of the pattern of A: who went sparse before, goes so now.
+
+    What it remembers is finite where it was solved.
+    """
+    if start is None or type(start.memory) is not SparseWorkspace or not start.found:
+        return None
+    fits = not isinstance(A, np.ndarray) and start.memory.pattern.fits(A)
+    return start.memory if fits else None
+
+
 def sparse_room(A: sp.csc_array, start: Start | None) -> tuple[SparseWorkspace, bool] | None:
     """A workspace of the pattern of A with what `start` remembers; whether it holds its L too.
 
@@ -277,34 +290,35 @@ class ActiveSet(Solver):
         return qp
 
     def solve(self, qp: ContactQP, start: Solution | None = None) -> Solution:
-        """As every solver's; a dense QP takes no stages, which would cost more than the method."""
-        if not self._modes.dense_is_better(qp, start is not None):
-            return super().solve(qp, start)
-        k = qp.lower.size
+        """As every solver's, without what the general form of its stages would cost."""
         began = perf_counter()
-        room = None if start is None else room_after(start, qp.d.size, k)
-        asked = self.accuracy
-        if asked is None:
-            asked = qp.eps0
-        elif asked == "default":
-            asked = None
-        call, room = self._dense(qp, asked, room)
-        ready = perf_counter()
-        run_dense(*call)
+        kept = kept_room(start, qp.A)
+        if kept is not None:
+            call = self._sparse(qp, self.asked(qp), kept, True, True)
+            ready = perf_counter()
+            run_sparse(*call.arguments)
+        elif self._modes.dense_is_better(qp, start is not None):
+            began = perf_counter()
+            room = None if start is None else room_after(start, qp.d.size, qp.lower.size)
+            call = self._dense(qp, self.asked(qp), room)
+            ready = perf_counter()
+            run_dense(*call.arguments)
+        else:
+            call = self.setup(qp, self.asked(qp), started(start))
+            ready = perf_counter()
+            self.run(call)
         clock = began, ready, perf_counter()
-        if room.I.item(STATUS) == SOLVED:  # of row COUNTS, which is the first
-            return answered(room, qp.row_id, clock)
-        answer = self._answer(room, k)
+        if call.room.I.item(STATUS) == SOLVED:  # of row COUNTS, which is the first
+            return answered(call.room, qp.row_id, clock)
+        answer = self.read(qp, call, None)
         assert answer.working_set is not None
         return Solution(
             *(answer.x, qp.row_id, answer.status, answer.working_set, answer.iterations),
-            *(answer.status_text, answer.work, staged(clock), room),
+            *(answer.status_text, answer.work, staged(clock), call.room),
         )
 
-    def _dense(
-        self, qp: ContactQP, asked: float | None, room: Workspace | None
-    ) -> tuple[tuple[Any, ...], Workspace]:
-        """The arguments of `algorithm_2`, and their workspace: a new one, or what it remembers."""
+    def _dense(self, qp: ContactQP, asked: float | None, room: Workspace | None) -> Call:
+        """The call of `algorithm_2`, its workspace a new one, or what it remembers."""
         d, lower, modes = qp.d, qp.lower, self._modes
         small = modes.narrow(qp, room is not None) or qp.kind in EXACT_KINDS
         mode = modes.small if small else modes.dense
@@ -315,38 +329,33 @@ class ActiveSet(Solver):
         if mode & (CUSTOM | EXTRAPOLATED):
             self.hand_over(room, qp.t)
         eps0 = -1.0 if asked is None else asked
-        return (
-            (qp.dense_A, d, lower, qp.upper, qp.row_id, room.S, room.I, eps0, mode),
-            room,
-        )
+        return Call((qp.dense_A, d, lower, qp.upper, qp.row_id, room.S, room.I, eps0, mode), room)
 
     def setup(self, problem: ContactQP, asked: float | None, start: Start | None) -> Call:
         """Find room; everything else is part of `run`."""
         if not self._modes.dense_is_better(problem, start is not None):
             found = sparse_room(problem.A, start)
             if found is not None:
-                return self._setup_sparse(problem, asked, start, *found)
+                return self._sparse(problem, asked, *found, start is not None)
         room = None if start is None else dense_room(problem.m, problem.k, start)
-        return Call(*self._dense(problem, asked, room))
+        return self._dense(problem, asked, room)
 
-    def _setup_sparse(
-        self,
-        problem: ContactQP,
-        asked: float | None,
-        start: Start | None,
-        room: SparseWorkspace,
-        kept: bool,
+    def _sparse(
+        self, qp: ContactQP, asked: float | None, room: SparseWorkspace, kept: bool, warm: bool
     ) -> Call:
+        """The call of `sparse_algorithm_2` in a room that holds L, or does not."""
         mode = self._modes.sparse
-        if problem.kind == "minimum_norm":
+        if qp.kind == "minimum_norm":
             mode |= TODAYS_A
+        if warm:
+            mode |= WARM
         if mode & (CUSTOM | EXTRAPOLATED):
-            self.hand_over(room, problem.t)
+            self.hand_over(room, qp.t)
         return Call(
             (
-                *(problem.A.data, problem.d, problem.lower, problem.upper, problem.row_id),
+                *(qp.A.data, qp.d, qp.lower, qp.upper, qp.row_id),
                 *(room.pattern, room.Bx, room.Lx, room.S, room.I, kept),
-                *(-1.0 if asked is None else asked, mode if start is None else mode | WARM),
+                *(-1.0 if asked is None else asked, mode),
             ),
             room,
         )
@@ -363,13 +372,11 @@ class ActiveSet(Solver):
         if type(native.room) is Workspace:
             run_dense(*native.arguments)
         else:
-            sparse_algorithm_2(*native.arguments)
+            run_sparse(*native.arguments)
 
     def read(self, qp: ContactQP, native: Call, result: Any) -> Answer:
         """x, the working set and the counts out of the workspace."""
-        return self._answer(native.room, qp.k)
-
-    def _answer(self, room: Workspace | SparseWorkspace, k: int) -> Answer:
+        room, k = native.room, qp.k
         counts = room.I[COUNTS].tolist()
         work = WorkCounts(*counts[DIRECTIONS : FLOPS + 1])
         status = STATUSES.get(counts[STATUS], Status.ITERATION_LIMIT)

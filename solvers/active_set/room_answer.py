@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from problems.qp import Indices, Solution, Status, Timing, WorkCounts
 from problems.qp_kernel import N_INT_ROWS
-from solvers.active_set.workspace import COUNTS, DIRECTIONS, FLOPS, MEMBER, Workspace
+from solvers.active_set.sparse.workspace import SparseWorkspace
+from solvers.active_set.workspace import COUNTS, DIRECTIONS, FLOPS, MEMBER, Workspace, X
 
 Clock = tuple[float, float, float]
 """When a solve began, when its room was ready, and when the kernel had ended [s]."""
@@ -59,13 +60,17 @@ class RoomAnswer(Solution):
         return staged(self._clock)
 
 
-def answered(room: Workspace, row_id: Indices, clock: Clock) -> RoomAnswer:
+def answered(room: Workspace | SparseWorkspace, row_id: Indices, clock: Clock) -> RoomAnswer:
     """The answer that has just been left in `room`."""
     made: RoomAnswer = object.__new__(RoomAnswer)
-    parts = made.__dict__
-    parts["x"] = np.frombuffer(room.x.tobytes(), np.float64, row_id.size)  # not writable
+    parts, k = made.__dict__, row_id.size
+    if type(room) is Workspace:
+        parts["x"] = np.frombuffer(room.x.tobytes(), np.float64, k)  # not writable
+        parts["_integers"] = room.I.tobytes()
+    else:
+        parts["x"] = np.frombuffer(room.S[X, :k].tobytes(), np.float64)
+        parts["_rows"] = room.I[: MEMBER + 1, : max(k, FLOPS + 1)].copy()
     parts["row_id"] = row_id
     parts["memory"] = room
-    parts["_integers"] = room.I.tobytes()
     parts["_clock"] = clock
     return made

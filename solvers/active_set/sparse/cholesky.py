@@ -17,14 +17,14 @@ from __future__ import annotations
 from math import sqrt
 
 from problems.kernels.compiled import places
-from solvers.active_set.compiled import kernel
+from solvers.active_set.compiled import kernel, stage
 from solvers.active_set.sparse.pattern import SLOTS
 from solvers.active_set.sparse.workspace import CHANGED, IN_L, PLACE, SPREAD, WEIGHT, WORK
 from solvers.active_set.tolerances import DEPENDENT
 from solvers.active_set.workspace import V, Y
 
 
-@kernel
+@stage
 def dot(Bi, Bx, c, x):
     """b_cᵀ x."""
     total = 0.0
@@ -34,7 +34,7 @@ def dot(Bi, Bx, c, x):
     return total
 
 
-@kernel
+@stage
 def add(Bi, Bx, c, value, x):
     """x := x + value b_c."""
     for first in range(0, Bi.shape[1], SLOTS):
@@ -42,7 +42,7 @@ def add(Bi, Bx, c, value, x):
             x[Bi[c, b]] += value * Bx[c, b]
 
 
-@kernel
+@stage
 def spread(Bi, Bx, c, x):
     """x := b_c at its rows; returns ‖b_c‖²."""
     total = 0.0
@@ -54,7 +54,7 @@ def spread(Bi, Bx, c, x):
     return total
 
 
-@kernel
+@stage
 def clear(Bi, c, x):
     """x := 0 at the rows of b_c."""
     for first in range(0, Bi.shape[1], SLOTS):
@@ -62,7 +62,7 @@ def clear(Bi, c, x):
             x[Bi[c, b]] = 0.0
 
 
-@kernel
+@stage
 def add_four(columns, size, row, end, target, sign):
     """target_i += sign · Σ L_row L_i over four columns of L, i = row … end − 1.
 

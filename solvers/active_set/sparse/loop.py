@@ -149,26 +149,27 @@ def lay_out_sparse(pattern, data, d, lower, upper, Bx, S, m):
     order, indptr = pattern.order, pattern.indptr
     length, low, high, momentum = S[LENGTH], S[LOWER], S[UPPER], S[MOMENTUM]
     for c in range(order.size):
-        j = order[c]
-        source, count = indptr[j], indptr[j + 1] - indptr[j]
-        size = 0.0
+        source, count, size = indptr[order[c]], indptr[order[c] + 1] - indptr[order[c]], 0.0
         if count == SLOTS:
             for b in range(SLOTS):
                 size += data[source + b] ** 2
         else:
             for b in range(count):
                 size += data[source + b] ** 2
-        size = sqrt(size) if size > 0.0 else 1.0
-        scale = 1.0 / size
-        if count == SLOTS:
-            for b in range(SLOTS):
-                Bx[c, b] = scale * data[source + b]
-        else:
-            for b in range(count):
-                Bx[c, b] = scale * data[source + b]
         length[c] = size
-        low[c] = size * lower[j]
-        high[c] = size * upper[j]
+    for c in range(order.size):
+        length[c] = sqrt(length[c]) if length[c] > 0.0 else 1.0
+    for c in range(order.size):
+        j = order[c]
+        source, count, scale = indptr[j], indptr[j + 1] - indptr[j], 1.0 / length[c]
+        if count == SLOTS:
+            for b in range(SLOTS):
+                Bx[c, b] = scale * data[source + b]
+        else:
+            for b in range(count):
+                Bx[c, b] = scale * data[source + b]
+        low[c] = length[c] * lower[j]
+        high[c] = length[c] * upper[j]
     for i in range(m):
         momentum[i] = d[i]
 
