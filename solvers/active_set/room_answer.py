@@ -69,7 +69,9 @@ def answered(room: Workspace | SparseWorkspace, row_id: Indices, clock: Clock) -
         parts["_integers"] = room.I.tobytes()
     else:
         parts["x"] = np.frombuffer(room.S[X, :k].tobytes(), np.float64)
-        parts["_rows"] = room.I[: MEMBER + 1, : max(k, FLOPS + 1)].copy()
+        parts["working_set"] = members = room.I[MEMBER, :k].astype(np.int8)
+        members.setflags(write=False)
+        parts["_rows"] = room.I[: COUNTS + 1, : FLOPS + 1].copy()  # all that is left to tell
     parts["row_id"] = row_id
     parts["memory"] = room
     parts["_clock"] = clock
