@@ -78,8 +78,7 @@ class Glambda(ActiveSet):
 
     def room(self, m: int, k: int, eps0: float, start: Solution | None) -> Room:
         """A workspace for m rows and k columns, with what `start` remembers."""
-        asked = eps0 if self.accuracy is None else self.accuracy
-        eps0 = -1.0 if asked == "default" else float(asked)
+        eps0 = eps0 if self._eps0 is None else self._eps0
         known = None if start is None else room_after(start, m, k)
         room = make_workspace(m, k) if known is None else known
         return Room(room.S, room.I, eps0, known is not None)

@@ -205,10 +205,11 @@ def take_gram_by_fours(S, I, mp, k):
 
 
 @stage
-def factorize_gram(S, I, m, k):
+def factorize_gram(S, I, m, k, ridge):
     """F := the free rows; L D Lᵀ of H_FF, 1/D on the diagonal of L; returns |F|.
 
     Columns that depend on those before them are left out, and their rows become passive.
+    ridge : by what share of itself the diagonal of H_FF is larger; then none depends on others
     """
     H0, L0 = N_FLOAT_ROWS + 2 * S.shape[1], N_FLOAT_ROWS + S.shape[1]
     member, free, first_of, inverse = I[MEMBER], I[F], I[FIRST], S[Y]
@@ -227,12 +228,12 @@ def factorize_gram(S, I, m, k):
             for a in places(max(first, first_of[e]), e):
                 value -= row[a] * before[a]
             row[e] = value
-        pivot = h[j]
+        pivot = (1.0 + ridge) * h[j]
         for e in places(first, f):
             value = row[e]
             row[e] = value * inverse[e]
             pivot -= value * row[e]
-        if pivot > LEAST_PIVOT * h[j] and f < m:
+        if pivot > LEAST_PIVOT * h[j] and (f < m or ridge > 0.0):
             inverse[f] = row[f] = 1.0 / pivot
             free[f], first_of[f] = j, first
             f += 1

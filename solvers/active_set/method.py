@@ -122,6 +122,8 @@ Measured, µs, dense / sparse, cold, of random A with half of the entries: 30 by
 each with 12 of 60 entries, dense / sparse, warm: 120 columns 39 / 21.
 """
 EXACT_KINDS = ("impulse", "minimum_norm")
+DEFAULT = -1.0
+"""As an accuracy: `loop.default_accuracy`."""
 STATUSES = {SOLVED: Status.SOLVED, INACCURATE: Status.INACCURATE}
 
 
@@ -172,11 +174,8 @@ class Modes(NamedTuple):
         return is_small_or_full(qp.A) or (qp.k <= qp.m and self.narrow(qp, warm))
 
 
-class Call(NamedTuple):
-    """The arguments of `algorithm_2` or of `sparse_algorithm_2`, and the room among them."""
-
-    arguments: tuple[Any, ...]
-    room: Workspace | SparseWorkspace
+Call = tuple[tuple[Any, ...], Workspace | SparseWorkspace]
+"""The arguments of `algorithm_2` or of `sparse_algorithm_2`, and the room among them."""
 
 
 def check_limit(option: str, value: float | None) -> None:
@@ -263,6 +262,7 @@ class ActiveSet(Solver):
 
     iteration_limit: int | None = None
     _modes: Modes = field(init=False, repr=False, compare=False)
+    _eps0: float | None = field(init=False, repr=False, compare=False)
 
     form: ClassVar[Form] = "least_squares"
     warm_start: ClassVar[str] = "working set and factorisation"
@@ -272,6 +272,8 @@ class ActiveSet(Solver):
         super().__post_init__()
         check_limit("iteration_limit", self.iteration_limit)
         object.__setattr__(self, "_modes", self.modes())
+        asked = DEFAULT if self.accuracy == "default" else self.accuracy
+        object.__setattr__(self, "_eps0", None if asked is None else float(asked))
 
     @abc.abstractmethod
     def modes(self) -> Modes:
@@ -291,33 +293,35 @@ class ActiveSet(Solver):
 
     def solve(self, qp: ContactQP, start: Solution | None = None) -> Solution:
         """As every solver's, without what the general form of its stages would cost."""
+        eps0 = qp.eps0 if self._eps0 is None else self._eps0
         began = perf_counter()
         kept = kept_room(start, qp.A)
+        room: Workspace | SparseWorkspace
         if kept is not None:
-            call = self._sparse(qp, self.asked(qp), kept, True, True)
+            arguments, room = self._sparse(qp, eps0, kept, True, True)
             ready = perf_counter()
-            run_sparse(*call.arguments)
+            run_sparse(*arguments)
         elif self._modes.dense_is_better(qp, start is not None):
             began = perf_counter()
-            room = None if start is None else room_after(start, qp.d.size, qp.lower.size)
-            call = self._dense(qp, self.asked(qp), room)
+            old = None if start is None else room_after(start, qp.d.size, qp.lower.size)
+            arguments, room = self._dense(qp, eps0, old)
             ready = perf_counter()
-            run_dense(*call.arguments)
+            run_dense(*arguments)
         else:
-            call = self.setup(qp, self.asked(qp), started(start))
+            arguments, room = self.setup(qp, eps0, started(start))
             ready = perf_counter()
-            self.run(call)
+            self.run((arguments, room))
         clock = began, ready, perf_counter()
-        if call.room.I.item(STATUS) == SOLVED:  # of row COUNTS, which is the first
-            return answered(call.room, qp.row_id, clock)
-        answer = self.read(qp, call, None)
+        if room.I.item(STATUS) == SOLVED:  # of row COUNTS, which is the first
+            return answered(room, qp.row_id, clock)
+        answer = self.read(qp, (arguments, room), None)
         assert answer.working_set is not None
         return Solution(
             *(answer.x, qp.row_id, answer.status, answer.working_set, answer.iterations),
-            *(answer.status_text, answer.work, staged(clock), call.room),
+            *(answer.status_text, answer.work, staged(clock), room),
         )
 
-    def _dense(self, qp: ContactQP, asked: float | None, room: Workspace | None) -> Call:
+    def _dense(self, qp: ContactQP, eps0: float, room: Workspace | None) -> Call:
         """The call of `algorithm_2`, its workspace a new one, or what it remembers."""
         d, lower, modes = qp.d, qp.lower, self._modes
         small = modes.narrow(qp, room is not None) or qp.kind in EXACT_KINDS
@@ -328,20 +332,10 @@ class ActiveSet(Solver):
             mode |= WARM
         if mode & (CUSTOM | EXTRAPOLATED):
             self.hand_over(room, qp.t)
-        eps0 = -1.0 if asked is None else asked
-        return Call((qp.dense_A, d, lower, qp.upper, qp.row_id, room.S, room.I, eps0, mode), room)
-
-    def setup(self, problem: ContactQP, asked: float | None, start: Start | None) -> Call:
-        """Find room; everything else is part of `run`."""
-        if not self._modes.dense_is_better(problem, start is not None):
-            found = sparse_room(problem.A, start)
-            if found is not None:
-                return self._sparse(problem, asked, *found, start is not None)
-        room = None if start is None else dense_room(problem.m, problem.k, start)
-        return self._dense(problem, asked, room)
+        return (qp.dense_A, d, lower, qp.upper, qp.row_id, room.S, room.I, eps0, mode), room
 
     def _sparse(
-        self, qp: ContactQP, asked: float | None, room: SparseWorkspace, kept: bool, warm: bool
+        self, qp: ContactQP, eps0: float, room: SparseWorkspace, kept: bool, warm: bool
     ) -> Call:
         """The call of `sparse_algorithm_2` in a room that holds L, or does not."""
         mode = self._modes.sparse
@@ -351,14 +345,18 @@ class ActiveSet(Solver):
             mode |= WARM
         if mode & (CUSTOM | EXTRAPOLATED):
             self.hand_over(room, qp.t)
-        return Call(
-            (
-                *(qp.A.data, qp.d, qp.lower, qp.upper, qp.row_id),
-                *(room.pattern, room.Bx, room.Lx, room.S, room.I, kept),
-                *(-1.0 if asked is None else asked, mode),
-            ),
-            room,
-        )
+        A = qp.A.data, qp.d, qp.lower, qp.upper, qp.row_id
+        return (*A, room.pattern, room.Bx, room.Lx, room.S, room.I, kept, eps0, mode), room
+
+    def setup(self, problem: ContactQP, asked: float | None, start: Start | None) -> Call:
+        """Find room; everything else is part of `run`."""
+        eps0 = DEFAULT if asked is None else asked
+        if not self._modes.dense_is_better(problem, start is not None):
+            found = sparse_room(problem.A, start)
+            if found is not None:
+                return self._sparse(problem, eps0, *found, start is not None)
+        room = None if start is None else dense_room(problem.m, problem.k, start)
+        return self._dense(problem, eps0, room)
 
     def hand_over(self, room: Workspace | SparseWorkspace, t: float) -> None:
         """Write the options, and the time t of the QP, to where the kernels look for them."""
@@ -369,14 +367,15 @@ class ActiveSet(Solver):
 
     def run(self, native: Call) -> None:
         """Algorithm 2."""
-        if type(native.room) is Workspace:
-            run_dense(*native.arguments)
+        arguments, room = native
+        if type(room) is Workspace:
+            run_dense(*arguments)
         else:
-            run_sparse(*native.arguments)
+            run_sparse(*arguments)
 
     def read(self, qp: ContactQP, native: Call, result: Any) -> Answer:
         """x, the working set and the counts out of the workspace."""
-        room, k = native.room, qp.k
+        room, k = native[1], qp.k
         counts = room.I[COUNTS].tolist()
         work = WorkCounts(*counts[DIRECTIONS : FLOPS + 1])
         status = STATUSES.get(counts[STATUS], Status.ITERATION_LIMIT)

@@ -119,7 +119,7 @@ def refine(A, lower, upper, S, I, m, mp, k, f, rounding_unit):
         tried += 1
         if tried == 1:
             known = take_gram_of_free(A, S, I, mp)
-            if factorize_gram(S, I, m, k) < f:
+            if factorize_gram(S, I, m, k, 0.0) < f:
                 return False, tried, known
             known |= HAS_L
         if not correct(lower, upper, S, I, f):

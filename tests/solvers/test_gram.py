@@ -41,7 +41,7 @@ def of_free(A, d, S, I, mp):
 
 @numba.njit
 def factorize_and_solve(S, I, m, k, right):
-    f = gram.factorize_gram(S, I, m, k)
+    f = gram.factorize_gram(S, I, m, k, 0.0)
     for c in range(f):
         S[P, c] = right[I[F, c]]
     gram.solve_gram(S, I, f)

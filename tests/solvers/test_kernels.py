@@ -197,7 +197,7 @@ def test_the_loop_allocates_nothing():
         "qps = [qp for qp, _ in contact_sequence(1)]\n"
         "last = solver.solve(qps[0])\n"
         "start = Start(None, None, None, last.memory)\n"
-        "native = solver.setup(qps[0], 1e-9, start).arguments\n"
+        "native = solver.setup(qps[0], 1e-9, start)[0]\n"
         "nothing = numba.njit(lambda A, d, l, u, ids, S, I, eps0, mode: None)\n"
         "nothing(*native)\n"
         "made = []\n"

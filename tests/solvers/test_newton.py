@@ -88,6 +88,33 @@ def test_many_rows_change_sides_at_once() -> None:
     assert steps == 2 and room.I[COUNTS, CHANGES] == 15
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_cold_a_load_that_contacts_share_is_on_all_of_them(seed: int) -> None:
+    """Ten columns that all press, each twice: either bears half, and no bound is met on the way."""
+    rng = np.random.default_rng(seed)
+    one = contact_matrix(rng, 12, 10).toarray()
+    load = rng.uniform(1.0, 2.0, 10)
+    qp = ContactQP(np.tile(one, 2), -one @ load, np.zeros(20), np.full(20, np.inf))
+    found, free, steps, done, room = compiled(qp)
+    assert done and steps == 2 and room.I[COUNTS, CHANGES] == 0
+    assert free.sum() == 10  # the others are passive
+    np.testing.assert_allclose(found, np.tile(load / 2, 2), rtol=1e-4)
+
+
+def test_cold_what_least_norm_puts_beyond_a_bound_is_put_on_it() -> None:
+    """Twice the same column, of which one may bear little: the other bears the rest."""
+    rng = np.random.default_rng(5)
+    one = contact_matrix(rng, 12, 10).toarray()
+    load = rng.uniform(1.0, 2.0, 10)
+    upper = np.full(20, np.inf)
+    upper[:10] = 0.1
+    qp = ContactQP(np.tile(one, 2), -one @ load, np.zeros(20), upper)
+    solution = Glambda(accuracy=1e-10).solve(qp)
+    assert solution.found
+    assert_same_force(qp, solution.x, one @ load, 1e-9)
+    assert (solution.x <= upper).all() and (solution.x >= 0.0).all()
+
+
 def test_what_it_does_not_end_goes_on_from_where_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
     """Columns 1e-7 apart are one by normal equations, and two by QR."""
     e = 1e-7

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from problems.qp import ContactQP, Vector
+from solvers.active_set.newton import MOST_DEPENDENT, RIDGE, SHARED
 
 Flags = NDArray[np.bool_]
 
@@ -31,6 +32,13 @@ def projected_newton(qp: ContactQP, x: Vector | None = None, most: int = 30) -> 
     x = np.clip(np.zeros(qp.k) if x is None else x, low, high)
     objectives = [_objective(H, b, x)]
     steps, ended = 0, False
+    if everybody and qp.k >= SHARED and (low < high).any():
+        shared = _shared_load(A, H, b, x, low, high)
+        if shared is not None:
+            steps, everybody = 1, False
+            if _objective(H, b, shared) < objectives[-1]:
+                x = shared
+                objectives.append(_objective(H, b, x))
     while steps < most and not ended:
         gradient = H @ x + b
         held = ((x <= low) & (gradient >= -zero)) | ((x >= high) & (gradient <= zero))
@@ -61,6 +69,19 @@ def projected_newton(qp: ContactQP, x: Vector | None = None, most: int = 30) -> 
         wrong = ((x < high) & (gradient < -zero)) | ((x > low) & (gradient > zero))
         ended = bool((bent == point).all() and not (wrong & ~free).any())
     return Found(x, free, steps, objectives, ended)
+
+
+def _shared_load(A: Vector, H: Vector, b: Vector, x: Vector, low: Vector, high: Vector):
+    """The step of least norm from x, cut off at the bounds; None if none or most depend."""
+    free = low < high
+    dependent = np.count_nonzero(free) - np.count_nonzero(_independent(A, free))
+    if not 0 < dependent <= MOST_DEPENDENT * len(x):
+        return None
+    ridge = np.diag(RIDGE * H.diagonal()[free])
+    point = x.copy()
+    rest = b + H[:, ~free] @ x[~free]
+    point[free] = np.linalg.solve(H[np.ix_(free, free)] + ridge, -rest[free])
+    return np.clip(point, low, high)
 
 
 def _objective(H: Vector, b: Vector, x: Vector) -> float:
