@@ -87,8 +87,8 @@ def solve_by_newton(A, d, lower, upper, row_id, S, I, mp, rounding_unit, warm, k
     has_L = known & HAS_L != 0 and is_last_F(I, k)
     if not warm and k >= SHARED:
         dependent = count_dependent(S, I, m, k)
-        has_L = dependent == 0
-        if 0 < dependent <= MOST_DEPENDENT * k:
+        has_L = not 0 < dependent <= MOST_DEPENDENT * k
+        if not has_L:
             objective = share_load(lower, upper, S, I, m, k, objective)
     left = WARM_STEPS if warm else min(FEW + int(SHARE_OF_K * k), MANY)
     before = inf
