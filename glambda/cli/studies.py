@@ -59,7 +59,7 @@ def study(
     An interrupted study continues where it stopped. The report is RESULTS/report/index.html.
 
     A plan in TOML has any of scenes, solvers, settings, arms, repeats, until, time_limit and
-    slow_pass; the options here go before it, and a copy stays with the results.
+    slow_pass; an option that is given here counts instead, and a copy stays with the results.
 
     With --cluster or --workers, what is compared in time stays together: one scene at one accuracy
     is one job, done by one worker.
