@@ -1,4 +1,4 @@
-"""The words that rows are written in."""
+"""The words that rows and labels are written in."""
 
 from __future__ import annotations
 
@@ -6,6 +6,11 @@ METHOD = "glambda"
 """Our own method, the default everywhere."""
 PAPER = "lotstedt"
 """The paper's method; its variants are called `lotstedt[variant]`."""
+
+DISTURBED = ",disturbed="
+"""What the label of a recording made by `glambda disturb` contains, before what was done."""
+STRETCHED = ",condition="
+"""The same of one made by `glambda stretch`."""
 
 NOT_KNOWN = "not known"
 """Version of a solver that cannot be imported."""

@@ -36,7 +36,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -146,6 +146,12 @@ class Recording(Short):
     def bodies(self) -> int:
         """How many have moved."""
         return len(self.polygons if self.space is None else self.space.solids)
+
+    def without_motion(self, **changes: Any) -> Recording:
+        """The recording with these changes of its QPs, whose motion it then no longer is."""
+        none = np.zeros((0, self.q.shape[1], 3))
+        motion = {"t": np.zeros(0), "q": none, "v": none, "events": (), "counts": {}}
+        return replace(self, **motion, space=None, discs=(), **changes)
 
     @cached_property
     def digest(self) -> str:

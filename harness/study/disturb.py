@@ -25,6 +25,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from harness.judging.oracle import reference
+from harness.names import DISTURBED
 from harness.progress import Progress
 from harness.recordings.recording import Recording, Reference
 from problems.qp import ContactQP, Solution, Status, Vector, working_set_of
@@ -33,7 +34,7 @@ SEED = 1984
 DECADES = 2.0
 """Scales are between 10 to the power of minus and plus this."""
 COORDINATES = 3
-"""Rows of A that belong to one body."""
+"""Rows of A that are moved together: a body in the plane, its place or its attitude in space."""
 NOISE = (1e-12, 1e-9, 1e-6)
 LARGEST_NOISE = 1e-3
 
@@ -157,10 +158,8 @@ def disturbed(
         references.append(_reference(made, recording.references[i], x))
     if progress is not None:
         progress("disturb", count, count)
-    bodies = recording.q.shape[1]
-    return replace(
-        recording,
-        scene=f"{recording.scene},disturbed={kind}",
+    return recording.without_motion(
+        scene=f"{recording.scene}{DISTURBED}{kind}",
         parameters={
             **recording.parameters,
             "disturbed.kind": kind,
@@ -170,11 +169,6 @@ def disturbed(
         solutions=tuple(solutions),
         references=tuple(references),
         mu=tuple(mu),
-        t=np.zeros(0),
-        q=np.zeros((0, bodies, 3)),
-        v=np.zeros((0, bodies, 3)),
-        events=(),
-        counts={},
     )
 
 

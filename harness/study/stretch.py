@@ -22,6 +22,7 @@ import numpy as np
 
 from harness.judging.facts import DENSE_COLUMNS
 from harness.judging.oracle import reference
+from harness.names import STRETCHED
 from harness.progress import Progress
 from harness.recordings.recording import Recording, Reference
 from problems.qp import ContactQP, Solution, Status, working_set_of
@@ -57,20 +58,13 @@ def stretched(
         mu.append(recording.mu[i])
     if progress is not None:
         progress("stretch", count, count)
-    bodies = recording.q.shape[1]
-    return replace(
-        recording,
-        scene=f"{recording.scene},condition={condition:g}",
+    return recording.without_motion(
+        scene=f"{recording.scene}{STRETCHED}{condition:g}",
         parameters={**recording.parameters, "stretched.condition": float(condition)},
         qps=tuple(qps),
         solutions=tuple(solutions),
         references=tuple(references),
         mu=tuple(mu),
-        t=np.zeros(0),
-        q=np.zeros((0, bodies, 3)),
-        v=np.zeros((0, bodies, 3)),
-        events=(),
-        counts={},
     )
 
 

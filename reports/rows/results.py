@@ -10,8 +10,9 @@ still a page.  What is missing is said in `Results.missing`, never passed over.
 3. Add what every table needs: `verified`, `skipped`, `asked_ratio` = error / accuracy asked, and
    the time that is `charged`.
 4. Set the rows of campaigns apart: other arms than cold and warm, accuracies given as numbers,
-   packages posed in a form of choice.  `Results.rows` is the study without them; the sections on
-   starts, accuracy against time, and forms read `Results.everything`.
+   packages posed in a form of choice, recordings that were disturbed.
+   `Results.rows` is the study without them; the sections on starts, accuracy against time, and
+   forms read `Results.everything`.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ import numpy as np
 import pandas as pd
 
 from harness.judging.facts import SETTINGS
-from harness.names import METHOD
+from harness.names import DISTURBED, METHOD
 from harness.passes.limits import TIME_LIMIT
 from harness.passes.starts import ARMS
 from reports.parts.names import in_order, is_number, solver_order
@@ -67,10 +68,6 @@ COLUMNS = (
 )
 """Columns without which no table can be made; a store may hold more."""
 
-DISTURBED = ",disturbed="
-"""What the label of a recording made by `glambda disturb` contains, before what was done."""
-STRETCHED = ",condition="
-"""The same of one made by `glambda stretch`."""
 KEY = ["solver", "settings", "arm", "problem"]
 
 

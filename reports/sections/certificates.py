@@ -15,12 +15,13 @@ import pandas as pd
 
 from harness.judging.certificates import ROUNDING, certificates, summary
 from harness.judging.facts import facts_of
+from harness.names import DISTURBED, STRETCHED
 from harness.progress import Progress
 from harness.recordings.recording import PROOFS
 from reports.parts.sentences import Answer
 from reports.parts.style import BLUE, GREEN, INK, ORANGE, PAGE_WIDTH, PURPLE, SOFT, drawing, save
 from reports.parts.table import Table, percent, scientific, short, whole
-from reports.rows.results import DISTURBED, STRETCHED, Results
+from reports.rows.results import Results
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -18,12 +18,13 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from harness.names import DISTURBED
 from harness.study.disturb import EVERY_KIND
 from reports.parts.intervals import SURE, geometric_mean
 from reports.parts.names import in_order, solver_order
 from reports.parts.sentences import join
 from reports.parts.table import Table, percent, short, times, whole
-from reports.rows.results import DISTURBED, Results
+from reports.rows.results import Results
 
 SAME = ("permuted", "scaled")
 """Disturbances under which a QP is the same in all but its numbers."""

@@ -20,6 +20,7 @@ import pandas as pd
 
 from harness.judging.facts import RANK_COLUMNS
 from harness.judging.tolerances import RANK_TOL
+from harness.names import STRETCHED
 from problems.qp import ContactQP
 from reports.parts.names import in_order
 from reports.parts.sentences import Answer, join
@@ -37,8 +38,6 @@ STRICT = "high"
 UNIT = float(np.finfo(float).eps)
 NOTABLE = 0.05
 """Share of the answers that is worth a word, lost or gained."""
-STRETCHED = ",condition="
-"""What the label of a recording made by `glambda stretch` contains."""
 FEW = 20
 """QPs below which a decade is not spoken of."""
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from harness.names import DISTURBED, STRETCHED
 from harness.passes.limits import TIME_LIMIT
 from harness.recordings.recording import Reference
 from harness.study.disturb import SEED
@@ -18,7 +19,7 @@ from problems.stepping.options import StepperOptions
 from reports.parts.names import in_order, solver_order
 from reports.parts.table import Table, percent, scientific, short, whole
 from reports.rows.comparison import SHIFT, SKIP_LIMIT
-from reports.rows.results import ARMS, DISTURBED, Results
+from reports.rows.results import ARMS, Results
 
 RUN_OPTIONS = (
     *("eps", "until", "fixed_step", "stops", "friction", "impulses"),
@@ -307,7 +308,7 @@ def record_command(label: str, parameters: Mapping[str, Any]) -> str:
 
     A stretched or disturbed recording is made from that of its scene.
     """
-    original, stretched, condition = label.partition(",condition=")
+    original, stretched, condition = label.partition(STRETCHED)
     if stretched:
         asked = f"--condition {shlex.quote(condition)}"
         return f"glambda stretch {_file(original)} {asked} -o recordings"

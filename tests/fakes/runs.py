@@ -31,15 +31,10 @@ def scene_recording(name: str) -> Recording:
 
 @cache
 def short_recording(name: str, length: int) -> Recording:
-    """The first QPs of a scene."""
-    whole = scene_recording(name)
-    return replace(
-        whole,
-        qps=whole.qps[:length],
-        solutions=whole.solutions[:length],
-        references=whole.references[:length],
-        mu=whole.mu[:length],
-    )
+    """The first QPs of a scene, with references."""
+    run = scene_run(name)
+    part = replace(run, qps=run.qps[:length], solutions=run.solutions[:length])
+    return recording_of(part, "glambda")
 
 
 def leaning_box(
