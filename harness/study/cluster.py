@@ -24,7 +24,7 @@ from __future__ import annotations
 import logging
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -148,54 +148,52 @@ def replay_on(
     """
     from distributed import as_completed
 
-    if results is None:
-        with tempfile.TemporaryDirectory() as folder:
-            return replay_on(
-                client, recordings, solvers, settings, arms, results=folder, timed=timed,
-                time_limit=time_limit, memory_limit=memory_limit, progress=progress, **options,
-            )  # fmt: skip
     loaded = [r if isinstance(r, Recording) else read_recording(r) for r in recordings]
     settings = setting_names(settings)
     options |= {"time_limit": time_limit, "memory_limit": memory_limit}
     if not timed:
         options |= {"repeats": 1, "timed": False}
-    store = Store(results)
-    paths = [store.add_recording(recording) for recording in loaded]
-    groups = [tuple(solvers)] if timed else [(name,) for name in solvers]
-    jobs = [
-        Job(place, setting, group)
-        for place in range(len(loaded))
-        for setting in settings
-        for group in groups
-    ]
-    sizes = {job: len(loaded[job.recording].qps) * len(job.solvers) for job in jobs}
-    done, total = 0, sum(sizes.values())
-    # as results of tasks, and not scattered, so that what a lost worker held is made again
-    contents = [client.submit(_as_it_is, path.read_bytes(), pure=False) for path in paths]
-    versions = {"problems": problems_version(), **{name: solver_version(name) for name in solvers}}
-    keys = {job: _keys(job, loaded, arms, versions, options) for job in jobs}
-    store.refuse_mixture(key for job in jobs for key in keys[job])
-    asked = {name: options[name] for name in ("repeats", "slow_pass") if name in options}
-    futures = {}
-    for job in jobs:
-        if all(is_done(store.made_anywhere(key), **asked) for key in keys[job]):
+    with tempfile.TemporaryDirectory() if results is None else nullcontext(results) as folder:
+        store = Store(folder)
+        paths = [store.add_recording(recording) for recording in loaded]
+        groups = [tuple(solvers)] if timed else [(name,) for name in solvers]
+        jobs = [
+            Job(place, setting, group)
+            for place in range(len(loaded))
+            for setting in settings
+            for group in groups
+        ]
+        sizes = {job: len(loaded[job.recording].qps) * len(job.solvers) for job in jobs}
+        done, total = 0, sum(sizes.values())
+        # as results of tasks, and not scattered, so that what a lost worker held is made again
+        contents = [client.submit(_as_it_is, path.read_bytes(), pure=False) for path in paths]
+        versions = {
+            "problems": problems_version(),
+            **{name: solver_version(name) for name in solvers},
+        }
+        keys = {job: _keys(job, loaded, arms, versions, options) for job in jobs}
+        store.refuse_mixture(key for job in jobs for key in keys[job])
+        asked = {name: options[name] for name in ("repeats", "slow_pass") if name in options}
+        futures = {}
+        for job in jobs:
+            if all(is_done(store.made_anywhere(key), **asked) for key in keys[job]):
+                done += sizes[job]
+                continue
+            future = client.submit(
+                do_job, contents[job.recording], job.setting, job.solvers, tuple(arms), versions,
+                options, pure=False,
+            )  # fmt: skip
+            futures[future] = job
+        for future in as_completed(list(futures)):
+            job = futures[future]
+            name = f"{loaded[job.recording].scene} {job.setting}"
+            for shard, content in sorted(_result(future, name).items()):
+                store.adopt(shard, content)
+            future.release()
             done += sizes[job]
-            continue
-        future = client.submit(
-            do_job, contents[job.recording], job.setting, job.solvers, tuple(arms), versions,
-            options, pure=False,
-        )  # fmt: skip
-        futures[future] = job
-    for future in as_completed(list(futures)):
-        job = futures[future]
-        name = f"{loaded[job.recording].scene} {job.setting}"
-        for shard, content in sorted(_result(future, name).items()):
-            store.adopt(shard, content)
-        future.release()
-        done += sizes[job]
-        if progress is not None:
-            progress(name, done, total)
-    return read_results(results)
+            if progress is not None:
+                progress(name, done, total)
+        return read_results(folder)
 
 
 def _keys(

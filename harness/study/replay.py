@@ -145,33 +145,18 @@ def replay(
     if isinstance(recordings, (Recording, str, Path)):
         recordings = [recordings]
     recordings = list(recordings)
-    loaded = [r if isinstance(r, Recording) else read_recording(r) for r in recordings]
-    if results is None:
-        with tempfile.TemporaryDirectory() as folder:
-            return replay(
-                recordings,
-                solvers,
-                settings,
-                arms,
-                results=folder,
-                repeats=repeats,
-                time_limit=time_limit,
-                memory_limit=memory_limit,
-                slow_pass=slow_pass,
-                again=again,
-                study=study,
-                isolate=isolate,
-                timed=timed,
-                progress=progress,
-            )
     strangers = sorted(set(again) - set(solvers))
     if strangers:
         raise ValueError(f"again: {', '.join(strangers)} is not among the solvers that are asked")
-    store = Store(results)
+    loaded = [r if isinstance(r, Recording) else read_recording(r) for r in recordings]
     given = [Path(each) for each in recordings if not isinstance(each, Recording)]
-    hidden = [store.folder / "recordings", store.folder / "solves", *given]
     limits = Limits(time_limit, memory_limit)
-    with awake() if timed else nullcontext(False) as is_awake:
+    with (
+        tempfile.TemporaryDirectory() if results is None else nullcontext(results) as folder,
+        awake() if timed else nullcontext(False) as is_awake,
+    ):
+        store = Store(folder)
+        hidden = [store.folder / "recordings", store.folder / "solves", *given]
         where = machine_label() + (AWAKE if is_awake else "")
         blocks = [
             (
@@ -185,7 +170,7 @@ def replay(
         store.refuse_mixture((run.key for _, _, runs in blocks for run in runs), again)
         how = How(repeats, slow_pass, limits, hidden, study, isolate, timed)
         _take_passes(store, blocks, how, progress)
-    return read_results(results)
+        return read_results(folder)
 
 
 class How(NamedTuple):
