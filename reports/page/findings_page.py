@@ -15,18 +15,18 @@ def findings_page(
     unflattering: Sequence[str] | None,
     tables: Mapping[str, Sequence[Table]],
 ) -> str:
-    """The answers, what is missing, where our method loses, and where the numbers are.
+    """Where our method loses, the answers, what is missing, and where the numbers are.
 
     tables : by name, those of one file together
     """
     parts = ["# One Gλ, many solvers", lead]
+    if unflattering is not None:
+        parts += ["## Where our method does not win", _listed(unflattering)]
     for answer in answers:
         parts += [f"## {answer.question}", f"**{answer.figure}** {answer.caption}"]
         parts.append(_listed(answer.sentences))
     if missing:
         parts += ["## What these results do not hold", _listed(missing)]
-    if unflattering is not None:
-        parts += ["## Where our method does not win", _listed(unflattering)]
     files = [f"[{name}](tables/{name}.csv): {_contents(same)}." for name, same in tables.items()]
     parts += ["## The numbers", "[index.html](index.html) shows all of them.", _listed(files)]
     return "\n\n".join(parts) + "\n"

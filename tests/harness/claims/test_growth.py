@@ -20,6 +20,7 @@ from harness.passes.measure import run_pass
 from harness.recordings.recording import Recording
 from reports.claims.growth import (
     exponents_table,
+    least_ahead,
     limits_table,
     ratios_table,
     times_table,
@@ -199,6 +200,11 @@ def test_ratios_are_to_the_fastest_that_is_right() -> None:
     table = ratios_table(points)
     assert list(table.data["best other"]) == ["piqp", "piqp"]  # osqp is not right everywhere
     assert list(table.data["ratio"]) == pytest.approx([0.5, 20.0])
+    assert least_ahead(table.data, 1).startswith(
+        "Our method is least ahead of the fastest other backend, by set-up and solve tower of "
+    )
+    assert "bodies (0.500×); by the whole call" in least_ahead(table.data, 1)
+    assert least_ahead(table.data.head(0)) == ""
     assert table.notes == [
         "tower: another backend is faster at k = 100 (piqp).",
         "tower: from k = 100 on the ratio is 0.500× to 20.0×.",
@@ -292,11 +298,9 @@ def large(folder: Path) -> list[Recording]:
         return [sequence(folder, "tower", 110), sequence(folder, "wall", 50)]
 
 
-@pytest.mark.parametrize(
-    ("solver", "few"), [("osqp", 500), ("piqp", 30), ("proxqp", 30), ("clarabel", 30), ("daqp", 30)]
-)
+@pytest.mark.parametrize("solver", ["osqp", "piqp", "proxqp", "clarabel", "daqp"])
 def test_large_qps_do_not_ask_a_package_for_less_than_rounding(
-    large: list[Recording], solver: str, few: int
+    large: list[Recording], solver: str
 ) -> None:
     """With tolerances that serve small QPs they went on to their caps, to the same answer."""
     for recording in large:
@@ -304,8 +308,7 @@ def test_large_qps_do_not_ask_a_package_for_less_than_rounding(
         posed = [f.qp.with_accuracy(f.asked("high")) for f in facts]
         outcomes, _ = run_pass(make_solver(solver), posed, arm="warm")
         for i, (qp, outcome, f) in enumerate(zip(posed, outcomes, facts, strict=True)):
-            assert outcome.iterations is not None
-            assert outcome.iterations <= few
+            assert outcome.status == "SOLVED"  # and not at its cap
             known = recording.references[i]
             assert known is not None
             assert (
