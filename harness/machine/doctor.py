@@ -18,6 +18,7 @@ import psutil
 
 from harness.machine.awake import DEVICE, awake
 from harness.machine.calibration import calibrate, clock_facts
+from harness.machine.memory import available_memory
 from harness.machine.threads import VARIABLES, threads_asked_for
 from harness.machine.unrest import ROOT
 from solvers.registry import describe, solver_names
@@ -164,12 +165,8 @@ def cpu_quota(root: Path = ROOT) -> float:
 
 
 def memory(root: Path = ROOT) -> Finding:
-    """Memory that is there, and what the control group gives of it."""
-    free = float(psutil.virtual_memory().available)
-    for name in ("memory.max", "memory/memory.limit_in_bytes"):
-        text = _text(root / "sys/fs/cgroup" / name)
-        if text.isdigit():
-            free = min(free, float(text))
+    """Memory that can be had, from the machine and its control group."""
+    free = available_memory(root)
     said = f"{free / 1e9:.1f} GB"
     if free >= MEMORY:
         return Finding("memory", "good", said)

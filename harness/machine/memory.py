@@ -6,19 +6,29 @@ from pathlib import Path
 
 import psutil
 
-GROUP = Path("/sys/fs/cgroup")
-"""Where Linux tells of a container's memory."""
+from harness.machine.unrest import ROOT
+
+GROUPS = (
+    ("memory.max", "memory.stat", "anon"),
+    ("memory/memory.limit_in_bytes", "memory/memory.stat", "total_rss"),
+)
+"""Where Linux tells of a container's limit, and of what is in use there that cannot be given back:
+below /sys/fs/cgroup, today and in its first version."""
 
 
-def available_memory() -> float:
-    """Bytes that can be had without swapping, from the machine and from its container if any."""
-    return min(float(psutil.virtual_memory().available), _of_container())
+def available_memory(root: Path = ROOT) -> float:
+    """Bytes that can be had without swapping, from the machine and from its container if any.
+
+    root : where /sys is
+    """
+    free = float(psutil.virtual_memory().available)
+    return min(free, *(_of_container(root / "sys/fs/cgroup", *names) for names in GROUPS))
 
 
-def _of_container() -> float:
+def _of_container(group: Path, limit: str, stat: str, held: str) -> float:
     try:
-        limit = int((GROUP / "memory.max").read_text())
-        stat = dict(line.split() for line in (GROUP / "memory.stat").read_text().splitlines())
-        return float(max(0, limit - int(stat["anon"])))  # what else is in use can be given back
-    except (OSError, ValueError, KeyError):  # no container, or one without a limit
+        lines = (group / stat).read_text().splitlines() if (group / stat).exists() else []
+        used = int(dict(line.split() for line in lines).get(held, "0"))
+        return float(max(0, int((group / limit).read_text()) - used))
+    except (OSError, ValueError):  # no container, or one without a limit
         return float("inf")

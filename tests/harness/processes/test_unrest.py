@@ -97,6 +97,14 @@ def test_two_readings_of_this_machine() -> None:
         (doctor.heat, {"{cpu}/thermal_throttle/core_throttle_count": "12"}, "wrong", "12 times"),
         (doctor.cores, {"sys/fs/cgroup/cpu.max": "5000 100000"}, "wrong", "limited to 0.05"),
         (doctor.memory, {"sys/fs/cgroup/memory.max": "1000000000"}, "wrong", "1.0 GB"),
+        (
+            doctor.memory,
+            {
+                "sys/fs/cgroup/memory.max": "8000000000",
+                "sys/fs/cgroup/memory.stat": "anon 7500000000\nfile 400000000\n",
+            },
+            *("wrong", "0.5 GB"),
+        ),
     ],
 )
 def test_what_the_doctor_says(
