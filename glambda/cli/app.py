@@ -38,7 +38,7 @@ app = typer.Typer(
 
 RESUMED = (
     *("replay", "verify", "growth", "stability", "painleve", "convergence", "criterion"),
-    *("closed_loop", "peers", "study"),
+    *("cases", "closed_loop", "peers", "study"),
 )
 """Commands that continue from their results folder, where they were given one, after Ctrl-C."""
 WRITES_EACH = ("record", "stretch", "disturb", "import_")

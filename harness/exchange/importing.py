@@ -55,6 +55,7 @@ def import_files(
     if not 0 <= tolerance < 1:
         raise ValueError(f"tolerance = {tolerance}; give a number from 0 to 1")
     qps: list[ContactQP] = []
+    files: list[Path] = []
     notes: dict[str, Any] = {}
     digest = hashlib.sha256()
     for number, path in enumerate(map(Path, paths)):
@@ -62,17 +63,18 @@ def import_files(
             progress("read", number, len(paths))
         for made, said in read_problems(path, tolerance, digest):
             first = len(qps)
+            files += [path] * len(made)
             qps += [
                 replace(qp, t=float(first + i), restart=i == 0 and (apart or first == 0))
                 for i, qp in enumerate(made)
             ]
             notes = _worst(notes, said)
     label = Path(paths[0]).stem if name is None else name
-    for i, qp in enumerate(qps):
+    for i, (qp, path) in enumerate(zip(qps, files, strict=True)):
         try:
             qps[i] = qp.with_accuracy(ASKED * facts_of(qp).scale)
         except ValueError as error:
-            raise _refusal(Path(paths[0]), f"problem {i}: {error}") from None
+            raise _refusal(path, f"QP {i - files.index(path)}: {error}") from None
     about = {
         "source": "import",
         "import.file": Path(paths[0]).name,

@@ -375,6 +375,7 @@ def test_ctrl_c_promises_what_is_true(
         ("replay", {"output": Path("results")}, CONTINUES),
         ("verify", {"output": Path("results")}, CONTINUES),
         ("verify", {"output": None}, ""),
+        ("cases", {"output": Path("cases")}, CONTINUES),
         ("stretch", {"output": Path("recordings")}, KEPT),
         ("disturb", {"output": Path("recordings")}, KEPT),
         ("simulate", {}, ""),
