@@ -162,11 +162,11 @@ def _write(
         run.events.to_csv(events, index=False)
         written.insert(1, events)
     if picture is not None:
-        from reports.sections.figures import plot_scene
+        from reports.motions.frames import plot_scene
 
         plot_scene(run, picture)
     if film is not None:
-        from reports.sections.figures import animate_scene
+        from reports.motions.frames import animate_scene
 
         animate_scene(run, film, **how)
     return written

@@ -184,9 +184,7 @@ def _check_field(name: str, field: str, value: Any) -> None:
         two = isinstance(value, list) and len(value) == 2 and all(map(_is_number, value))
         wanted = "" if two and value[0] <= value[1] else "two numbers, the lower one first"
     elif field in ("with", "control"):
-        flat = isinstance(value, dict) and all(
-            isinstance(v, str | int | float) for v in value.values()
-        )
+        flat = isinstance(value, dict) and all(map(_is_scalar, value.values()))
         wanted = "" if flat else "a table of numbers, texts and truth values"
     elif field == "slow":
         wanted = "" if isinstance(value, bool) else "true or false"

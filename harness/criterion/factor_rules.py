@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from harness.names import METHOD, PAPER
 from harness.recordings.recording import Recording
-from problems.qp import FREE, ContactQP, Solution
+from problems.qp import FREE, ContactQP, Solution, WorkCounts
 from problems.sequence import WARM_KINDS
 from solvers import make_solver
 from solvers.active_set.unit_costs import UnitCosts, costs_counted
@@ -26,10 +26,7 @@ from solvers.active_set.unit_costs import UnitCosts, costs_counted
 DEFERRED, ONLINE = f"{PAPER}[deferred]", f"{PAPER}[online]"
 NEVER = 10**9
 """As an interval of the solver: longer than any recording."""
-COUNTS = (
-    *("descent_directions", "working_set_changes", "qr_factorizations", "qr_updates"),
-    *("cg_iterations", "flops"),
-)
+COUNTS = tuple(WorkCounts.__dataclass_fields__)
 """Work counts that are kept of each QP."""
 
 

@@ -48,8 +48,6 @@ class SpringsAndDampers:
         self.geometry = Geometry(scene.bodies, scene.ground)
         self.M = mass_diagonal(scene.bodies)
         self.t, self.q, self.v = 0.0, scene.q0.ravel().copy(), scene.v0.ravel().copy()
-        self.deepest = 0.0
-        """Deepest overlap so far [m]."""
         self._forces = scene.all_forces()
         self._drag: dict[tuple[int, int], float] = {}
 
@@ -85,7 +83,6 @@ class SpringsAndDampers:
             self._drag = {}
             return
         columns = self.geometry.columns(pose, corner, part, edge)
-        self.deepest = max(self.deepest, -float(columns.phi.min()))
         index = self._entries(columns)
         moving = index >= 0
         v = np.where(moving, self.v[index], 0.0)

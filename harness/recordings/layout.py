@@ -77,7 +77,7 @@ FIELDS: dict[str, Field] = {
     "references/x": Field("<f8", (), "SI", "the oracle's x, one of many where A lacks rank"),
     "references/Ax": Field("<f8", (), "SI", "the unique A x*; 0 where not accepted"),
     "references/error_bound": Field("<f8", (), "as A x", "bound on the error of references/Ax"),
-    "references/proof": Field("S", (), "", "exact, bound or ill-posed; empty where not accepted"),
+    "references/proof": Field("S", (), "", "exact, bound, nearby, ill-posed; empty: no reference"),
     "bodies/polygon_count": Field("<i8", (), "1", "convex polygons of each body"),
     "bodies/corner_count": Field("<i8", (), "1", "corners of each polygon"),
     "bodies/corners": Field("<f8", (2,), "m", "corners in body coordinates, counter-clockwise"),
@@ -195,8 +195,11 @@ def check_lengths(
     n, bodies = len(m), len(polygons)
     if len(rows) != n:
         raise wrong("qps/V_rows", f"has {len(rows)} entries; there are {n} QPs")
-    if min([0, *polygons, *corners]) < 0 or min([0, *rows]) < -1:
-        raise wrong("qps/V_rows", "it or a number of corners is negative")
+    if min([0, *rows]) < -1:
+        raise wrong("qps/V_rows", "has a number of rows below -1")
+    for name, counts in (("polygon_count", polygons), ("corner_count", corners)):
+        if min([0, *counts]) < 0:
+            raise wrong(f"bodies/{name}", "has a negative number")
     if any(row > 0 and b == 0 for row, b in zip(rows, k, strict=True)):
         raise wrong("qps/V_rows", "asks for generators of no columns")
     sizes |= {
@@ -288,27 +291,14 @@ def pack(recording: Any) -> dict[str, NDArray[Any]]:
         if not np.array_equal(qp.row_id, solution.row_id):
             raise ValueError(f"solution {i} has other row_ids than its QP")
     V = [qp.generators for qp in qps]
-    work = [s.work or WorkCounts() for s in solutions]
     flat = [polygon for body in recording.polygons for polygon in body]
     out: dict[str, Any] = {
         **_packed_qps(qps, "qps"),
+        **_packed_solutions(qps, solutions),
+        **_packed_references(qps, references),
         "qps/mu": _join(recording.mu, "<f8"),
         "qps/V_rows": [-1 if part is None else part.shape[0] for part in V],
         "qps/V_data": _join([part for part in V if part is not None], "<f8"),
-        "solutions/answered": [s.x is not None for s in solutions],
-        "solutions/x": _join(
-            [np.zeros(qp.k) if s.x is None else s.x for qp, s in zip(qps, solutions, strict=True)],
-            "<f8",
-        ),
-        "solutions/working_set": _join([s.working_set for s in solutions], "|i1"),
-        "solutions/status": [s.status.name for s in solutions],
-        "solutions/status_text": [s.status_text for s in solutions],
-        "solutions/iterations": [s.iterations for s in solutions],
-        "solutions/counted": [s.work is not None for s in solutions],
-        "solutions/work": _join([[getattr(w, n) for n in WORK] for w in work], "<i8", (len(WORK),)),
-        "references/accepted": [ref is not None for ref in references],
-        "references/error_bound": [0.0 if ref is None else ref.error_bound for ref in references],
-        "references/proof": ["" if ref is None else ref.proof for ref in references],
         "bodies/polygon_count": [len(body) for body in recording.polygons],
         "bodies/corner_count": [len(polygon) for polygon in flat],
         "bodies/corners": _join(flat, "<f8", (2,)),
@@ -325,14 +315,6 @@ def pack(recording: Any) -> dict[str, NDArray[Any]]:
         out[f"qps/{name}"] = _join([getattr(qp, name) for qp in qps], field.dtype, columns)
     for name in ("kind", "accepted", "restart", "h", "alpha0", "eps0"):
         out[f"qps/{name}"] = [getattr(qp, name) for qp in qps]
-    for name, size in (("x", "k"), ("Ax", "m")):
-        out[f"references/{name}"] = _join(
-            [
-                np.zeros(getattr(qp, size)) if ref is None else getattr(ref, name)
-                for qp, ref in zip(qps, references, strict=True)
-            ],
-            "<f8",
-        )
     if recording.space is not None:
         moving = zip((*OF_SPACE, *OF_HULLS), recording.space, strict=True)
         out |= {name: values for name, values in moving if values is not None}
@@ -364,6 +346,34 @@ def _packed_qps(qps: Sequence[Any], group: str) -> dict[str, Any]:
         },
     }
     return {f"{group}/{name}": values for name, values in out.items()}
+
+
+def _packed_solutions(qps: Sequence[ContactQP], solutions: Sequence[Solution]) -> dict[str, Any]:
+    """The datasets of the stepper's answers."""
+    work = [s.work or WorkCounts() for s in solutions]
+    x = [np.zeros(qp.k) if s.x is None else s.x for qp, s in zip(qps, solutions, strict=True)]
+    return {
+        "solutions/answered": [s.x is not None for s in solutions],
+        "solutions/x": _join(x, "<f8"),
+        "solutions/working_set": _join([s.working_set for s in solutions], "|i1"),
+        "solutions/status": [s.status.name for s in solutions],
+        "solutions/status_text": [s.status_text for s in solutions],
+        "solutions/iterations": [s.iterations for s in solutions],
+        "solutions/counted": [s.work is not None for s in solutions],
+        "solutions/work": _join([[getattr(w, n) for n in WORK] for w in work], "<i8", (len(WORK),)),
+    }
+
+
+def _packed_references(qps: Sequence[ContactQP], references: Sequence[Any]) -> dict[str, Any]:
+    """The datasets of the oracle's answers, 0 where there is none."""
+    pairs = list(zip(qps, references, strict=True))
+    return {
+        "references/accepted": [ref is not None for ref in references],
+        "references/error_bound": [0.0 if ref is None else ref.error_bound for ref in references],
+        "references/proof": ["" if ref is None else ref.proof for ref in references],
+        "references/x": _join([np.zeros(qp.k) if r is None else r.x for qp, r in pairs], "<f8"),
+        "references/Ax": _join([np.zeros(qp.m) if r is None else r.Ax for qp, r in pairs], "<f8"),
+    }
 
 
 def _packed_discs(discs: Sequence[tuple[DiscQP, Any]]) -> dict[str, Any]:

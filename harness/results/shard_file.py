@@ -85,12 +85,11 @@ COLUMNS: dict[str, pa.DataType] = {
     "error_bound": pa.float64(),
     "objective_error": pa.float64(),
     "lambda_distance": pa.float64(),
-    "proof": pa.string(),  # what the reference rests on: exact, bound, ill-posed; empty: none
+    "proof": pa.string(),  # what the reference rests on, of `PROOFS`; empty: none
     **dict.fromkeys(MEASURES, pa.float64()),
     "machine": pa.string(),
     "versions": pa.string(),
     "study": pa.string(),
-    # beyond the contract
     "status": pa.string(),  # name of the solver's Status; empty where it was not reached
     "asked": pa.float64(),  # accuracy that the verdict is measured against, in ‖A δx‖
     "scale": pa.float64(),  # unit of glambda_error

@@ -18,14 +18,13 @@ import numpy as np
 import pandas as pd
 
 from problems.qp import KINDS, Status
+from problems.scenes.labels import PAPER_SCENES
 
 ACCURATE_CLASS = (
     *("glambda", "lotstedt", "velocity", "enumeration", "scipy_bvls", "daqp", "quadprog"),
 )
 """Never to miss once, on any recording."""
 
-SCENES = ("fig2", "fig3", "fig4", "fig5")
-"""The paper's scenes."""
 IN_SPACE = ("space_tower", "space_tower,mu=0.0", "space_pyramid,mu=0.0")
 """Cubes at rest on four corners each, so that every QP is redundant.
 
@@ -118,4 +117,4 @@ def expected_of(solver: str, scene: str) -> Expected | None:
         return NONE
     if scene in IN_SPACE and solver == "pgs":
         return _SWEEPS
-    return EXPECTED.get(solver, ROUNDING) if scene in (*SCENES, *IN_SPACE) else None
+    return EXPECTED.get(solver, ROUNDING) if scene in (*PAPER_SCENES, *IN_SPACE) else None

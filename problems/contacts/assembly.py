@@ -54,11 +54,6 @@ class Assembly:
         self.rows = active.rows
         self.columns: Columns = self.columns_at(q)
 
-    @property
-    def places(self) -> list[tuple[int, int, int]]:
-        """(corner, part, edge) of each normal."""
-        return [(c, p, e) for c, p, e in self.place.tolist()]
-
     def columns_at(self, q: Vector) -> Columns:
         """The columns of the same constraints at another position q (3n,)."""
         pose = self.pose if q is self.q else self.geometry.pose(q)
@@ -160,13 +155,6 @@ class Assembly:
     def G_F(self) -> sp.csc_array:
         """(3n, F) sparse."""
         return _sparse(*self.tangents, np.ones(self.m))
-
-    @cached_property
-    def members(self) -> sp.csr_array:
-        """(F, N) sparse 0/1: which normals bound which friction."""
-        normal = np.flatnonzero(self.friction_of >= 0)
-        shape = (len(self.frictions), self.count)
-        return sp.csr_array((np.ones(normal.size), (self.friction_of[normal], normal)), shape=shape)
 
 
 def _sparse(entries: Vector, bodies: Indices, D: Vector) -> sp.csc_array:

@@ -287,25 +287,6 @@ class ConstraintGraph:
             normal.corner, normal.part, normal.edge = place
         self.candidates.occupy(self._active.place)
 
-    def keep_multipliers(self, lam: Sequence[Vector]) -> None:
-        """λ_N (N,) of the last two time points, newest first."""
-        if self._active is not None:
-            self._active.lam[:] = lam
-        else:
-            pairs = zip(*(part.tolist() for part in lam), strict=True)
-            self._lam = dict(zip(self.row_ids()[0].tolist(), pairs, strict=True))
-
-    def note_multipliers(self, lam_N: Vector) -> None:
-        """Keep λ_N (N,) of a new time point beside that of the last."""
-        lam = self.active_set().lam
-        lam[1], lam[0] = lam[0], lam_N
-
-    def row_ids(self) -> tuple[Indices, Indices]:
-        """Those of the active normals (N,) and frictions (F,), in order."""
-        joints = JOINT_IDS + np.flatnonzero(self.acting)
-        ids = sorted(self.normals), sorted(self.frictions)
-        return np.array([*ids[0], *joints], dtype=np.int64), np.array(ids[1], dtype=np.int64)
-
     # --- joints ----------------------------------------------------------------------------------
 
     def set_stop(self, row: int, reached: bool) -> None:

@@ -17,9 +17,6 @@ from problems.stepping.run import Event, Simulated
 if TYPE_CHECKING:
     import pandas as pd
 
-SPACE_EVENTS = ("impulse", "drop", "slide_off", "join", "slip_to_stick", "stick_to_slip")
-"""Kinds of `event_log`.  join: a point of contact more of bodies that touch already."""
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SpaceRun(Simulated):
@@ -29,7 +26,8 @@ class SpaceRun(Simulated):
     poses : (n, bodies, 7) centre [m] and attitude;  velocities : (n, bodies, 6) [m/s, rad/s]
     reactions : (n, bodies, 6) G λ, forces and moments of all constraints [N, N·m]; 0 at t = 0
     gaps : (n,) the least φ of the active constraints [m], inf where there are none
-    event_log, qps, solutions, counts, options : as those of `problems.Run`
+    event_log, qps, solutions, counts, options : as those of `problems.Run`; an event `join` is a
+        point of contact more of bodies that touch already
     discs : of each accepted step with Coulomb's discs, the QP with them that it has solved by
         bounds alone, and its x; none where QPs are not kept
     """

@@ -198,7 +198,7 @@ class System:
     def normal_name(self, assembly: Assembly, number: int) -> str:
         """A contact, or a row of a joint, by its number in an assembly."""
         if number < len(assembly.normals):
-            return self.place_name(assembly.places[number])
+            return self.place_name(assembly.place[number].tolist())
         return self.joint_name(int(assembly.active.feature[number, 1]))
 
     def contact_name(self, contact: Contact) -> str:

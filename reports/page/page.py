@@ -33,7 +33,7 @@ from reports.page.findings_page import findings_page
 from reports.page.headlines import facts, not_to_conclude, pooled, ranked_tables, short_answers
 from reports.page.page_figures import figure_markup
 from reports.page.site import Site, write_site
-from reports.parts.sentences import Answer, join
+from reports.parts.sentences import join
 from reports.parts.style import draw_files
 from reports.parts.table import Table, write_tables, write_text
 from reports.parts.templates import environment_of, inlined
@@ -581,6 +581,3 @@ def _contents(context: dict[str, Any]) -> Sequence[tuple[str, str]]:
         )
         if there
     ]
-
-
-__all__ = ["Answer", "report", "write_report"]

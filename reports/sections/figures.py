@@ -18,7 +18,6 @@ import numpy as np
 import pandas as pd
 
 from harness.names import is_own
-from reports.motions.frames import animate_scene, plot_scene
 from reports.parts.style import (
     BLUE,
     COLD,
@@ -43,13 +42,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = [
-    "animate_scene",
-    "plot_accuracy",
-    "plot_cost",
-    "plot_profiles",
-    "plot_scene",
-]
 
 PANELS = 5
 """Scenes side by side."""

@@ -14,6 +14,7 @@ import pandas as pd
 
 from harness.judging.facts import UNKNOWN, rank_of
 from harness.names import is_own
+from problems.qp import KINDS
 from reports.parts.intervals import SURE, geometric_mean
 from reports.parts.names import solver_order
 from reports.parts.table import Format, Table, microseconds, percent, scientific, times, whole
@@ -83,7 +84,7 @@ def _scene_row(results: Results, scene: str) -> dict[str, Any]:
         row["steps"] = recording.counts.get("steps", np.nan)
         row["rejected"] = recording.counts.get("rejected_steps", np.nan)
     row["QPs"] = len(qps)
-    for name in ("step", "iteration", "corrector", "impulse", "minimum_norm"):
+    for name in KINDS:
         row[name.replace("_", " ")] = int((kind == name).sum())
     row["restarts"] = int(qps["restart"].astype(bool).sum())
     row["median k"], row["max k"] = qps["k"].median(), qps["k"].max()

@@ -33,14 +33,13 @@ from reports.parts.sentences import Answer, join
 from reports.parts.table import Table, microseconds, percent, short, times, whole
 from reports.rows.comparison import shifted_geometric_mean
 from reports.rows.results import METHOD, Results
+from reports.sections.tables import SLOWER
 
 COLUMNS = ("runtime", "iterations", "verified")
 IGNORED = 0.9
 """Iterations at no change over cold ones, from which on a hint is ignored."""
 FEWEST = 5
 """QPs with a change below which there is no slope."""
-SLOWER = 1.01
-"""Ratio above which a start costs more than it saves."""
 
 
 def triples(results: Results, setting: str) -> pd.DataFrame:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from harness.claims.checking import check
-from harness.claims.checks.motions import qps_of, run_of
+from harness.claims.checks.motions import evenly, qps_of, run_of
 from harness.judging.facts import facts_of
 from harness.judging.judge import judge
 from harness.judging.oracle import reference
@@ -36,12 +36,12 @@ def farthest(names: str, accuracy: float) -> float:
     names : solvers with commas between; absent ones are left out
     """
     qps, most = qps_of(run_of("fig4", 2.5), "step"), 0.0
-    for i in np.linspace(0, len(qps) - 1, CASES).astype(int):
-        facts, known = facts_of(qps[i]), reference(qps[i])
+    for qp in evenly(qps, CASES):
+        facts, known = facts_of(qp), reference(qp)
         assert known is not None
         for name in set(names.split(",")) & set(available_solvers()):
-            x = make_solver(name, accuracy=accuracy * facts.scale).solve(qps[i]).x
-            error = np.inf if x is None else np.linalg.norm(qps[i].A @ x - known.Ax)
+            x = make_solver(name, accuracy=accuracy * facts.scale).solve(qp).x
+            error = np.inf if x is None else np.linalg.norm(qp.A @ x - known.Ax)
             most = max(most, float(error / facts.scale))
     return most
 
@@ -50,9 +50,8 @@ def farthest(names: str, accuracy: float) -> float:
 def caught(error: float) -> float:
     """Share of answers, off by so much in A x and claimed solved, that the judge calls wrong."""
     qps, rng, wrong = qps_of(run_of("fig4", 2.5), "step"), np.random.default_rng(0), 0
-    for i in np.linspace(0, len(qps) - 1, CASES).astype(int):
-        qp, facts = qps[i], facts_of(qps[i])
-        known = reference(qp)
+    for qp in evenly(qps, CASES):
+        facts, known = facts_of(qp), reference(qp)
         assert known is not None
         push = rng.standard_normal(qp.k)
         x = known.x + error * facts.scale / np.linalg.norm(qp.A @ push) * push
@@ -68,8 +67,9 @@ def proved(columns: int = COLUMNS) -> float:
     columns : most that may be tried
     """
     qps, solver = qps_of(run_of("fig4", 2.5), "step"), make_solver("glambda")
-    chosen = [qps[i] for i in np.linspace(0, len(qps) - 1, CASES).astype(int)]
-    found = [prove(qp, np.asarray(solver.solve(qp).x), columns=columns) for qp in chosen]
+    found = [
+        prove(qp, np.asarray(solver.solve(qp).x), columns=columns) for qp in evenly(qps, CASES)
+    ]
     return float(np.mean([proof is not None for proof in found]))
 
 

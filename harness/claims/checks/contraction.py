@@ -6,7 +6,7 @@ import numpy as np
 
 from harness.claims.checking import check
 from harness.claims.checks.bead import slope
-from harness.claims.checks.motions import qps_of, run_of
+from harness.claims.checks.motions import evenly, qps_of, run_of
 from problems import ContactQP, scene, simulate
 from problems.qp import Vector
 from solvers import make_solver
@@ -29,8 +29,7 @@ def worst(label: str, power: float = 1.0) -> float:
     """Largest ‖y₁ − y₀‖_M/‖x₁ − x₀‖_M over h c₁/α₀^power, from pairs near q̇_n of recorded steps."""
     qps = [qp for qp in qps_of(run_of(label, 1.5), "step") if qp.alpha0 > 1.4]
     rng, most = np.random.default_rng(0), 0.0
-    for i in np.linspace(0, len(qps) - 1, CASES).astype(int):
-        qp = qps[i]
+    for qp in evenly(qps, CASES):
         bound = qp.h * DRAG / qp.alpha0**power
         for _ in range(PAIRS):
             one, other = 0.1 * rng.standard_normal((2, qp.m))
@@ -44,8 +43,7 @@ def bounded(label: str, claimed_rate: float = 1.0) -> float:
     """Largest error of q̇⁽ʲ⁾ over the bound (3.14), j = 1 … 4, with ρ = claimed_rate · h c₁/α₀."""
     qps = [qp for qp in qps_of(run_of(label, 1.5), "step") if 0.01 < qp.h * DRAG / qp.alpha0 < 0.6]
     most = 0.0
-    for i in np.linspace(0, len(qps) - 1, CASES).astype(int):
-        qp = qps[i]
+    for qp in evenly(qps, CASES):
         passes = [np.zeros(qp.m)]
         for _ in range(60):
             passes.append(_next(qp, passes[-1]))

@@ -11,7 +11,7 @@ import pandas as pd
 
 from harness.claims.checking import check
 from harness.claims.checks.bead import slope
-from harness.claims.checks.motions import run_of
+from harness.claims.checks.motions import evenly, run_of
 from harness.criterion.cost_model import fit_growth
 from harness.criterion.estimates import ages, norms, unit_columns
 from harness.criterion.estimates import factor as factor_of
@@ -123,8 +123,8 @@ def error_bound(label: str, factor: float = 1.0) -> float:
     δp are drawn, and the one for which (3.20) is sharp.
     """
     recording, rng, most = _recording(label), np.random.default_rng(0), 0.0
-    for place in np.linspace(0, len(recording.qps) - 1, CASES).astype(int):
-        qp, solution = recording.qps[place], recording.solutions[place]
+    solved = list(zip(recording.qps, recording.solutions, strict=True))
+    for qp, solution in evenly(solved, CASES):
         free = np.flatnonzero(solution.working_set == FREE)
         if not free.size:
             continue

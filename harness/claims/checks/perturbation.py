@@ -7,7 +7,7 @@ from scipy.optimize import linprog
 
 from harness.claims.checking import check
 from harness.claims.checks.bead import slope
-from harness.claims.checks.motions import qps_of, run_of
+from harness.claims.checks.motions import evenly, qps_of, run_of
 from harness.judging.facts import rank_of
 from problems import ContactQP
 from problems.qp import Vector
@@ -21,7 +21,7 @@ CASES = 12
 def _full_rank() -> list[ContactQP]:
     """QPs of fig4 whose columns are independent, evenly chosen."""
     qps = [qp for qp in qps_of(run_of("fig4", 2.5), "step") if rank_of(qp) == qp.k]
-    return [qps[i] for i in np.linspace(0, len(qps) - 1, CASES).astype(int)]
+    return evenly(qps, CASES)
 
 
 def _doubled() -> list[ContactQP]:

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from harness.claims.checking import check
-from harness.claims.checks.motions import qps_of, run_of
+from harness.claims.checks.motions import evenly, qps_of, run_of
 from harness.judging.facts import facts_of
 from harness.judging.oracle import reference
 from problems import ContactQP
@@ -56,8 +56,8 @@ def one_code(form: Form) -> float:
     worst = 0.0
     for label in ("fig2", "fig4", "fig5"):
         qps = qps_of(run_of(label, 1.5), "step")
-        for i in np.linspace(0, len(qps) - 1, CASES).astype(int):
-            qp, facts = qps[i], facts_of(qps[i])
+        for qp in evenly(qps, CASES):
+            facts = facts_of(qp)
             known = reference(qp)
             assert known is not None
             solver = make_solver("lotstedt", accuracy=1e-10 * facts.scale)

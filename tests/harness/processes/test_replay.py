@@ -21,7 +21,6 @@ from harness.processes.isolate import Block, here
 from harness.recordings.recording import write_recording
 from harness.results.store import COLUMNS, StoreError, read_passes, read_repeats, read_results
 from harness.study.replay import reproduce
-from problems.qp import working_set_of
 from solvers import registry
 from tests.fakes.crooked import CROOKED, Right, Slow
 from tests.fakes.fake_recordings import fake_recording
@@ -327,12 +326,6 @@ def test_reproduce_gives_the_row_again() -> None:
         assert row[name] == rows.loc[5, name]
     with pytest.raises(ValueError, match="has the QPs 0 to"):
         reproduce(made, "liar", "high", "warm", 99)
-
-
-def test_memory_is_not_kept_in_outcomes() -> None:
-    outcomes, _ = run_pass(Right(), fake_recording().qps, arm="cold")
-    assert not any(hasattr(outcome, "memory") for outcome in outcomes)
-    assert working_set_of(fake_recording().qps[0], outcomes[0].x).size
 
 
 def test_every_pass_says_what_pace_the_machine_had(tmp_path: Path) -> None:
