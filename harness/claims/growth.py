@@ -38,6 +38,7 @@ import scipy.sparse as sp
 from harness.processes.introduction import about, available
 from harness.progress import Progress
 from harness.recordings.recording import Recording
+from harness.results.store import read_repeats
 from harness.study.kept_recording import how_run, recording_in
 from harness.study.record import recording_of
 from harness.study.replay import replay
@@ -222,6 +223,7 @@ def measure_growth(
     tried : whether it was run;  reason : why it was not, or would not be at a larger size
     runtime, call_time : [s] medians over the QPs of setup + solve, and of the whole call, which
         includes what our adapter does to pose the QP;  slowest : the largest runtime
+    runtime_from, runtime_to : [s] the least and the greatest median of a single pass
     verified : share of the QPs of which anything is proved;  qps : number of all;  undecided : of
         those where of nobody's answer anything is
     iterations, factorizations : means per QP, of the solver's own counting;  NaN where unknown
@@ -231,6 +233,7 @@ def measure_growth(
     """
     folder = Path(folder)
     rows: list[dict[str, Any]] = []
+    scenes: list[str] = []
     total = float(sum(sum(plan.sizes(family)) for family in plan.families))
     done = 0.0
     for family in plan.families:
@@ -266,8 +269,28 @@ def measure_growth(
                 else:
                     row = {"tried": False, "reason": gone[solver]}
                 rows.append({**size, "solver": solver, **row})
+                scenes.append(recording.scene)
             done += bodies
-    return pd.DataFrame(rows)
+    points = pd.DataFrame(rows)
+    asked = pd.MultiIndex.from_arrays([scenes, points["solver"], points["arm"]])
+    ends = _ends_of_passes(folder).reindex(asked)
+    return points.assign(**{f"runtime_{end}": ends[end].to_numpy() for end in ends})
+
+
+def _ends_of_passes(folder: Path) -> pd.DataFrame:
+    """The least and the greatest median of setup + solve of a pass, by scene, solver and arm [s].
+
+    As everywhere, disturbed passes count where no pass was quiet.
+    """
+    passes = read_repeats(folder)
+    told = passes[["setup_time", "solve_time", "charged_time"]].sum(axis=1, skipna=False)
+    passes["runtime"] = told.fillna(passes["call_time"])
+    passes["scene"] = passes["problem"].str.rpartition("/")[0]
+    run = ["scene", "solver", "arm"]
+    some_quiet = passes.groupby(run)["quiet"].transform("any").astype(bool)
+    counted = passes[passes["quiet"].astype(bool) | ~some_quiet]
+    medians = counted.groupby([*run, "repeat"])["runtime"].median()
+    return medians.groupby(level=run).agg(["min", "max"]).set_axis(["from", "to"], axis=1)
 
 
 def _too_slow(rows: list[dict[str, Any]], family: str, k: int, limit: float) -> dict[str, str]:

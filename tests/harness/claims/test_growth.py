@@ -50,6 +50,8 @@ def test_each_size_and_solver_has_one_row(points: pd.DataFrame) -> None:
     assert (points["qps"] == growth.STEPS).all()
     assert (points["runtime"] > 0).all()
     assert (points["call_time"] >= points["runtime"]).all()
+    assert (points["runtime_from"] >= points["runtime"]).all()  # that of each QP's fastest pass
+    assert (points["runtime_to"] >= points["runtime_from"]).all()
     assert points["factorizations"].isna().tolist() == [False, True] * 2
 
 
@@ -107,6 +109,7 @@ def made_up(times: dict[str, list[float]], verified: float = 1.0) -> pd.DataFram
         {
             "family": "tower", "bodies": 50 * 10**i, "m": 150 * 10**i, "k": 100 * 10**i,
             "solver": solver, "arm": "warm", "tried": True, "runtime": time, "slowest": time,
+            "runtime_from": 1.1 * time, "runtime_to": 1.5 * time,
             "call_time": 2 * time, "verified": verified if solver == "osqp" else 1.0, "qps": 8,
             "undecided": 0, "iterations": 1.0, "factorizations": np.nan, "reason": "",
         }
@@ -200,6 +203,8 @@ def test_ratios_are_to_the_fastest_that_is_right() -> None:
     table = ratios_table(points)
     assert list(table.data["best other"]) == ["piqp", "piqp"]  # osqp is not right everywhere
     assert list(table.data["ratio"]) == pytest.approx([0.5, 20.0])
+    assert list(table.data["ratio from"]) == pytest.approx([0.5 * 1.1 / 1.5, 20.0 * 1.1 / 1.5])
+    assert list(table.data["ratio to"]) == pytest.approx([0.5 * 1.5 / 1.1, 20.0 * 1.5 / 1.1])
     assert least_ahead(table.data, 1).startswith(
         "Our method is least ahead of the fastest other backend, by set-up and solve tower of "
     )
