@@ -150,8 +150,8 @@ class Recording(Short):
     def without_motion(self, **changes: Any) -> Recording:
         """The recording with these changes of its QPs, whose motion it then no longer is."""
         none = np.zeros((0, self.q.shape[1], 3))
-        motion = {"t": np.zeros(0), "q": none, "v": none, "events": (), "counts": {}}
-        return replace(self, **motion, space=None, discs=(), **changes)
+        motion: dict[str, Any] = {"t": np.zeros(0), "q": none, "v": none, "space": None}
+        return replace(self, **motion, events=(), counts={}, discs=(), **changes)
 
     @cached_property
     def digest(self) -> str:

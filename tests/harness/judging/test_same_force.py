@@ -15,12 +15,12 @@ from functools import cache
 import pytest
 
 from harness.recordings.recording import Recording
-from harness.study.expected_misses import EXPECTED, IN_SPACE, SCENES
+from harness.study.expected_misses import EXPECTED, IN_SPACE
 from harness.study.record import recording_of
 from harness.study.verify import verify
 from problems import scene as scene_of
 from problems import simulate
-from problems.scenes.labels import parse_label
+from problems.scenes.labels import PAPER_SCENES, parse_label
 from solvers import describe, make_solver, solver_names
 from tests.fakes.runs import scene_recording
 
@@ -55,14 +55,14 @@ def sample(name: str, count: int) -> Recording:
     )
 
 
-@pytest.mark.parametrize("name", (*SCENES, *IN_SPACE))
+@pytest.mark.parametrize("name", (*PAPER_SCENES, *IN_SPACE))
 def test_every_qp_of_the_scenes_has_a_reference(name):
     whole = whole_recording(name)
     known = [reference is not None for reference in whole.references]
     assert all(known), f"{known.count(False)} of {len(known)} have none"
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", PAPER_SCENES)
 @pytest.mark.parametrize("solver", solver_names())
 def test_every_backend_reproduces_the_same_force(solver, name):
     info = describe(solver)
