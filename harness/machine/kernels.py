@@ -55,7 +55,9 @@ def within_steps() -> None:
 
 def dense() -> None:
     """Algorithm 2."""
-    import solvers.active_set.method  # noqa: F401
+    from solvers.active_set.method import compile_dense
+
+    compile_dense()
 
 
 def sparse() -> None:

@@ -14,7 +14,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -85,13 +85,30 @@ def kernel_decorator(sources: Sequence[Path], **more: Any) -> Callable[[Any], An
     return kernel
 
 
-def function_decorator(sources: Sequence[Path], signature: Any) -> Callable[[Any], Any]:
-    """Decorator that compiles a function of one signature, which kernels can be handed."""
+class Handed:
+    """A function of one signature, which kernels can be handed by its address."""
+
+    def __init__(self, function: Any, signature: Any, folder: str):
+        self._function, self._signature, self._folder = function, signature, folder
+
+    @cached_property
+    def _code(self) -> Any:
+        with _cached_in(self._folder) as options:
+            return numba.cfunc(self._signature, **options)(self._function)
+
+    @property
+    def address(self) -> int:
+        """Where its machine code is; to ask for it compiles it."""
+        address: int = self._code.address
+        return address
+
+
+def function_decorator(sources: Sequence[Path], signature: Any) -> Callable[[Any], Handed]:
+    """Decorator that makes a function of one signature one that kernels can be handed."""
     folder = str(cache_folder(sources))
 
-    def function(python_function: Any) -> Any:
-        with _cached_in(folder) as options:
-            return numba.cfunc(signature, **options)(python_function)
+    def function(python_function: Any) -> Handed:
+        return Handed(python_function, signature, folder)
 
     return function
 

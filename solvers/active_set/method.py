@@ -46,6 +46,7 @@ This differs from the paper:
 from __future__ import annotations
 
 import abc
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any, ClassVar, NamedTuple
@@ -57,7 +58,7 @@ from problems.kernels.compiled import Direct
 from problems.qp import ContactQP, Matrix, Solution, Status, WorkCounts
 from problems.qp_kernel import WARM
 from solvers.active_set.compiled import entry
-from solvers.active_set.loop import CUSTOM, EXTRAPOLATED, algorithm_2
+from solvers.active_set.loop import CUSTOM, EXTRAPOLATED, algorithm_2, solve
 from solvers.active_set.room_answer import answered, staged
 from solvers.active_set.sparse.loop import TODAYS_A, sparse_algorithm_2
 from solvers.active_set.sparse.pattern import is_narrow, make_pattern
@@ -127,10 +128,22 @@ DEFAULT = -1.0
 STATUSES = {SOLVED: Status.SOLVED, INACCURATE: Status.INACCURATE}
 
 
-run_dense = entry(
-    algorithm_2,
-    *("matrix", "vector", "vector", "vector", "indices", "floats", "ints", "float", "int"),
-)
+def compile_dense() -> None:
+    """Have what solves dense QPs as machine code, of the cache or new, before the first call."""
+    global run_dense
+    _ = solve.address
+    run_dense = entry(
+        algorithm_2,
+        *("matrix", "vector", "vector", "vector", "indices", "floats", "ints", "float", "int"),
+    )
+
+
+def _compiled_first(*arguments: Any) -> None:
+    compile_dense()
+    run_dense(*arguments)
+
+
+run_dense: Callable[..., Any] = _compiled_first
 run_sparse = Direct(sparse_algorithm_2)
 """Both as callables that trust their arguments: `ContactQP` has made sure of them."""
 

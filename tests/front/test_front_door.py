@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -31,6 +32,14 @@ def test_a_scene_and_a_solver_are_named_or_given() -> None:
         glambda.simulate("fig9")
     with pytest.raises(ValueError, match="unknown solver 'nobody'"):
         glambda.simulate("fig4", "nobody")
+
+
+@pytest.mark.parametrize("command", ["scenes", "solvers"])
+def test_what_lists_compiles_nothing(command: str, tmp_path: Path) -> None:
+    run = [sys.executable, "-m", "glambda", command]
+    at_home = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
+    subprocess.run(run, env=at_home, capture_output=True, check=True)
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
 def test_a_recording_has_a_reference_of_every_qp() -> None:
