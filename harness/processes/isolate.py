@@ -68,6 +68,7 @@ STOOD_STILL = 1.0
 """Seconds longer than asked for that a wait takes only if this process stood still."""
 GIB = 2.0**30
 WORK = "harness.processes.measured:work"
+OUR_KERNELS = "harness.processes.our_kernels"
 NO_ONE = "nobody"
 """Name of the task of who answers at once."""
 
@@ -167,7 +168,7 @@ class Apart(Asked):
         self._limits, self._qps = limits, qps
         self._memory = int(min(limits.memory * GIB, 2.0**60))
         target = "" if task.solver == NO_ONE else target_of(task.solver)
-        self._ahead = [WORK.partition(":")[0]]
+        self._ahead = [WORK.partition(":")[0], OUR_KERNELS]
         if target in BUILT_IN.values():
             self._ahead.append(target.partition(":")[0])
         self._arguments: dict[str, Any] = {

@@ -26,10 +26,7 @@ from harness.processes.own_process import limit
 from problems.kernels.compiled import FOLDERS
 from problems.kernels.numba_internals import keep_nothing
 from solvers import make_solver
-from solvers.active_set.method import compile_dense
 from solvers.registry import BUILT_IN, register
-
-compile_dense()  # once for all processes that are made of this one
 
 
 def work(
