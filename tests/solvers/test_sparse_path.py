@@ -381,7 +381,7 @@ def ridge_qp(seed: int, bodies: int, contacts: int, delta: float) -> ContactQP:
     return ContactQP(stacked, d, zero, inf, kind="minimum_norm", eps0=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_leap_ends_at_the_same_force(seed: int) -> None:
     """Most contacts are loose and a ridge tells which: many sets to search.
 

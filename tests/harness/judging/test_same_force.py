@@ -24,10 +24,10 @@ from problems.scenes.labels import PAPER_SCENES, parse_label
 from solvers import describe, make_solver, solver_names
 from tests.fakes.runs import scene_recording
 
-QPS = {**dict.fromkeys(EXPECTED, 80), "glambda": 10_000}
+QPS = {**dict.fromkeys(EXPECTED, 40), "glambda": 10_000}
 """Of each scene about so many, of those that are known to miss, of the paper's method, or else:"""
-FEW = 56
-FEW_IN_SPACE = 4
+FEW = 28
+FEW_IN_SPACE = 3
 TEN_STEPS = {"fixed_step": 0.01, "until": 0.1}
 
 
