@@ -18,6 +18,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 
@@ -41,13 +42,17 @@ def within_steps() -> None:
 
     from problems.contacts.dips import first_dip
     from problems.friction.kernels import small_newton_multipliers
+    from problems.least_norm.least_distance import least_distance
 
     matrix, whole = np.zeros((1, 1)), np.zeros((1, 1), np.int64)
     columns, rows, vector = (matrix, whole), whole[0], matrix[0]
     edges, scratch = (matrix, vector), (matrix, vector, vector)
+    fixed = np.zeros((1, 1))
+    fixed.flags.writeable = False
     handed = {
         first_dip: ((vector, vector, vector), 0.0, (0, 0), vector, edges, 0.0, scratch),
         small_newton_multipliers: (columns, columns, vector, rows, *(5 * [vector]), True),
+        least_distance: (fixed, fixed[0], fixed[0], fixed[0], matrix),
     }
     for kernel, arguments in handed.items():
         kernel.compile(tuple(typeof(argument) for argument in arguments))
@@ -63,18 +68,32 @@ def dense() -> None:
 def sparse() -> None:
     """Algorithm 2 for QPs of many columns; it comes with `dense`."""
     import numpy as np
-    import scipy.sparse as sp
 
     from problems.qp import ContactQP
     from solvers import make_solver
 
-    k = 60
-    A = sp.csc_array(sp.diags_array([np.ones(k), -np.ones(k - 1)], offsets=[0, 1]))
+    A, k = _band()
     qps = [ContactQP(A, np.full(k, d), np.zeros(k), np.full(k, np.inf)) for d in (1.0, -1.0)]
     for name in ("glambda", "lotstedt"):
         last = None
         for qp in qps:
             last = make_solver(name).solve(qp, last)
+
+
+def patterns() -> None:
+    """The order of elimination of a sparse A, which `sparse` comes to as well."""
+    from solvers.active_set.sparse.pattern import make_pattern
+
+    make_pattern(_band()[0])
+
+
+def _band() -> tuple[Any, int]:
+    """A sparse A, and how many columns it has."""
+    import numpy as np
+    import scipy.sparse as sp
+
+    k = 60
+    return sp.csc_array(sp.diags_array([np.ones(k), -np.ones(k - 1)], offsets=[0, 1])), k
 
 
 def posing() -> None:
@@ -100,10 +119,11 @@ PARTS: dict[str, Callable[[], None]] = {
     "posing": posing,
     "dense": dense,
     "sparse": sparse,
+    "patterns": patterns,
 }
-LANES = ("steps", "posing"), ("within steps", "dense", "sparse")
+LANES = ("steps", "patterns"), ("within steps", "dense", "posing", "sparse")
 """Parts that need each other, in the order in which one process compiles them; a lane a core."""
-PART_OF = {"within steps": "steps"}
+PART_OF = {"within steps": "steps", "patterns": "sparse"}
 """Parts that are compiled with another one, which need not be named."""
 
 
@@ -164,7 +184,7 @@ def _mark(part: str) -> Path:
     if part == "posing":
         said.append((place.parents[2] / "solvers/adapters/normal_form.py").read_text("utf-8"))
     key = hashlib.sha256("\n".join(said).encode()).hexdigest()[:16]
-    sources = compiled.SOURCES if part in ("dense", "sparse") else SOURCES
+    sources = compiled.SOURCES if part in ("dense", "sparse", "patterns") else SOURCES
     return cache_folder(sources) / f"{part}-{key}"
 
 

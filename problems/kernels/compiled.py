@@ -20,6 +20,7 @@ from typing import Any
 
 import numba
 import numpy as np
+from numba.core import event
 
 from problems.kernels.numba_internals import LOST, take_literals_as_numbers
 from problems.kernels.sources import defining, sources
@@ -49,8 +50,23 @@ def cache_folder(sources: Sequence[Path]) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
     FOLDERS.add(folder)
     if not any(folder.iterdir()):
-        _tell_of_compiling()
+        _listen()
     return folder
+
+
+@cache
+def _listen() -> None:
+    event.register("numba:compile", _Teller())
+
+
+class _Teller(event.Listener):
+    """Says, once, that kernels of ours are being compiled, as the first of them is."""
+
+    def on_start(self, begun: Any) -> None:
+        if begun.data["dispatcher"].py_func.__module__.partition(".")[0] in ("problems", "solvers"):
+            _tell_of_compiling()
+
+    def on_end(self, ended: Any) -> None: ...
 
 
 @cache

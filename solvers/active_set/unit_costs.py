@@ -47,8 +47,9 @@ def goes_sparse(qp: ContactQP) -> bool:
 
 
 def dense_costs(m: int, f: int) -> UnitCosts:
-    """By the sizes of A_F."""
-    return UnitCosts(m, f, float(qr_flops(m, f)), float(cg_iteration_flops(m, f)), False)
+    """By the sizes of A_F; in Python, for two numbers that are not worth compiling."""
+    C_QR, C_IT = qr_flops.py_func(m, f), cg_iteration_flops.py_func(m, f)
+    return UnitCosts(m, f, float(C_QR), float(C_IT), False)
 
 
 def sparse_costs(qp: ContactQP, free: NDArray[np.bool_], pattern: Pattern) -> UnitCosts:

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import glambda
+from harness.recordings.recording import write_recording
 
 TYPED = """
 import glambda
@@ -34,12 +35,20 @@ def test_a_scene_and_a_solver_are_named_or_given() -> None:
         glambda.simulate("fig4", "nobody")
 
 
-@pytest.mark.parametrize("command", ["scenes", "solvers"])
+@pytest.mark.parametrize("command", ["scenes", "solvers", "info"])
 def test_what_lists_compiles_nothing(command: str, tmp_path: Path) -> None:
-    run = [sys.executable, "-m", "glambda", command]
-    at_home = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
-    subprocess.run(run, env=at_home, capture_output=True, check=True)
-    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+    home, recording = tmp_path / "home", tmp_path / "few.h5"
+    named = [str(recording)] if command == "info" else []
+    write_recording(recording, glambda.record("fig4", until=0.02))
+    done = subprocess.run(
+        [sys.executable, "-m", "glambda", command, *named],
+        env={**os.environ, "XDG_CACHE_HOME": str(home)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert not [path for path in home.rglob("*") if path.is_file()]
+    assert "compiling" not in done.stderr
 
 
 def test_a_recording_has_a_reference_of_every_qp() -> None:
