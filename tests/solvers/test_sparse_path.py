@@ -387,7 +387,7 @@ def test_a_leap_ends_at_the_same_force(seed: int) -> None:
 
     An option about iterations makes the method walk all the way.
     """
-    qp = grid_qp(30, seed, loose=0.9)
+    qp = grid_qp(24, seed, loose=0.9)
     leapt = Glambda().solve(qp)
     walked = Glambda(iteration_limit=10**6).solve(qp)
     assert leapt.found and walked.found and leapt.work and walked.work
