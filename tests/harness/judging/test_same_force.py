@@ -24,10 +24,10 @@ from problems.scenes.labels import PAPER_SCENES, parse_label
 from solvers import describe, make_solver, solver_names
 from tests.fakes.runs import scene_recording
 
-QPS = {**dict.fromkeys(EXPECTED, 40), "glambda": 10_000, "scipy_nnls": 56}
+QPS = {**dict.fromkeys(EXPECTED, 30), "glambda": 10_000, "scipy_nnls": 56}
 """Of each scene about so many, of those that are known to miss, of our method, of one that takes
 few QPs of fig5, or else:"""
-FEW = 28
+FEW = 20
 FEW_IN_SPACE = 3
 TEN_STEPS = {"fixed_step": 0.01, "until": 0.1}
 
