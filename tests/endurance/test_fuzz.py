@@ -9,7 +9,7 @@ import pytest
 from tests.endurance import fuzz
 from tests.endurance.damage import SORTS
 
-FILES = 120
+FILES = 80
 
 
 @pytest.mark.parametrize("sort", ["damaged", "forged"])

@@ -29,16 +29,16 @@ QPS = {**dict.fromkeys(EXPECTED, 30), "glambda": 10_000, "scipy_nnls": 56}
 few QPs of fig5, or else:"""
 FEW = 20
 FEW_IN_SPACE = 3
-TEN_STEPS = {"fixed_step": 0.01, "until": 0.1}
+SIX_STEPS = {"fixed_step": 0.01, "until": 0.06}
 
 
 @cache
 def whole_recording(name: str) -> Recording:
-    """The recording of a scene; in space ten steps of it."""
+    """The recording of a scene; in space six steps of it."""
     if name not in IN_SPACE:
         return scene_recording(name)
     scene, parameters = parse_label(name)
-    run = simulate(scene_of(scene, **parameters), make_solver("glambda"), **TEN_STEPS)
+    run = simulate(scene_of(scene, **parameters), make_solver("glambda"), **SIX_STEPS)
     return recording_of(run, "glambda")
 
 
