@@ -22,6 +22,7 @@ from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from problems.formulas.multistep import (
     REDONE,
@@ -180,8 +181,6 @@ class NetworkStepper:
         self.conducts &= later | ~blocked
         if not later.any():
             return self._trial(step.h, ahead), later
-        from scipy.optimize import brentq  # where it is needed: loading it takes 80 ms
-
         least(float(brentq(least, shortest, step.h, xtol=SHORTEST_STEP)))
         speed = np.abs(last.free - self.past.last.i) / last.h
         return last, later & (last.free <= last.free[later].min() + 10 * SHORTEST_STEP * speed)

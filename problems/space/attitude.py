@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from problems.qp import Vector
 
@@ -23,8 +24,6 @@ def attitude(axis: tuple[float, float, float], angle: float) -> Vector:
 
 def attitudes_of(R: ArrayLike) -> Vector:
     """The attitudes (…, 4) of rotation matrices (…, 3, 3); `rotations` the other way round."""
-    from scipy.spatial.transform import Rotation  # where it is needed: loading it takes 90 ms
-
     return np.asarray(np.roll(Rotation.from_matrix(R).as_quat(), 1, axis=-1))
 
 

@@ -16,6 +16,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from problems.bodies.bodies import GROUND
 from problems.qp import Vector
@@ -66,8 +67,6 @@ class Near:
         """Bodies whose enclosing spheres are within the margin."""
         if len(self.reach) == 1:
             return []
-        from scipy.spatial import cKDTree  # where it is needed: loading it takes 90 ms
-
         far = 2 * float(self.reach.max()) + margin
         pairs = cKDTree(pose.centres).query_pairs(far, output_type="ndarray")
         apart = np.linalg.norm(pose.centres[pairs[:, 0]] - pose.centres[pairs[:, 1]], axis=1)

@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial import ConvexHull, QhullError
 
 from problems.qp import Vector
 from problems.space.attitude import cross
@@ -49,8 +50,6 @@ class Hull(NamedTuple):
 
         Raises ValueError for points in a plane, or one that is no corner.
         """
-        from scipy.spatial import ConvexHull, QhullError  # loading it takes 90 ms
-
         corners = np.array(points, dtype=np.float64).reshape(-1, 3)
         try:
             made = ConvexHull(corners)

@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial import Delaunay
 
 from problems.bodies.checks import check_number
 from problems.qp import Vector
@@ -101,8 +102,6 @@ def polyhedron(points: ArrayLike, density: float = 1.0) -> tuple[Solid, Vector, 
 
     Raises ValueError for points that are no corners of their hull, or span no volume.
     """
-    from scipy.spatial import Delaunay  # where it is needed: loading it takes 90 ms
-
     corners = Hull.of(points).corners
     cells = corners[Delaunay(corners - corners.mean(axis=0)).simplices]
     volumes = np.abs(np.linalg.det(cells[:, 1:] - cells[:, :1])) / 6

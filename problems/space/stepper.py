@@ -21,6 +21,7 @@ from dataclasses import asdict
 from typing import Any, NamedTuple, final
 
 import numpy as np
+from scipy.optimize import brentq
 
 from problems.formulas.multistep import (
     REDONE,
@@ -106,8 +107,6 @@ class Trial(NamedTuple):
 
 def _root(clear: Callable[[float], float], level: float, h: float) -> float:
     """Where on the way to h a clearance falls below a level, which it is above at 0."""
-    from scipy.optimize import brentq  # where it is needed: loading it takes 80 ms
-
     return float(brentq(lambda at: clear(at) - level, 0.0, h, xtol=1e-14, rtol=1e-14))
 
 

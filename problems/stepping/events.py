@@ -13,6 +13,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import brentq
 
 from problems.bodies.bodies import GROUND
 from problems.bodies.path import Path
@@ -190,8 +191,6 @@ def locate_zero(function: Callable[[float], float], h: float, f0: float, f1: flo
 
     Inverse linear interpolation, t_* = h f0/(f0 − f1) (§3.1), refined inside its bracket.
     """
-    from scipy.optimize import brentq  # where it is needed: loading it takes 80 ms
-
     guess = h * f0 / (f0 - f1)
     value = function(guess)
     if value == 0.0 or not 0 < guess < h:
