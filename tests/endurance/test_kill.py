@@ -36,7 +36,7 @@ def benchmark(*arguments: str) -> subprocess.CompletedProcess[str]:
 @pytest.fixture(scope="module")
 def some() -> subprocess.CompletedProcess[str]:
     """Some are killed, others interrupted."""
-    return benchmark("-m", "tests.endurance.kill", "--operations=2", "--random=1", "--isolated=1")
+    return benchmark("-m", "tests.endurance.kill", "--operations=2", "--random=1", "--isolated=2")
 
 
 def test_a_killed_study_goes_on_to_the_same_end(some: subprocess.CompletedProcess[str]) -> None:
@@ -48,7 +48,7 @@ def test_an_interrupted_study_goes_on_to_the_same_end_and_leaves_no_process(
     some: subprocess.CompletedProcess[str],
 ) -> None:
     assert some.returncode == 0, some.stdout + some.stderr
-    assert "| a random moment, solvers apart |       1 |" in some.stdout, some.stdout
+    assert "| a random moment, solvers apart |       2 |" in some.stdout, some.stdout
 
 
 def test_writing_in_place_would_be_noticed() -> None:

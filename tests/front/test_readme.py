@@ -58,7 +58,7 @@ SHORT = {
     "--settings paper --sweep none",
     "glambda convergence -o convergence": "+ wall,bodies=3",
     "glambda claims -o claims": "+ 3",
-    "glambda peers -o peers": "+ fig4@0.05 --engines glambda --limit 1e-5",
+    "glambda peers -o peers": "+ fig4@0.05 --engines glambda --limit 0.001",
     "glambda criterion recordings/*.h5 -o criterion": "glambda criterion recordings/wall*.h5 "
     "-o criterion --repeats 1",
     "glambda growth tower wall -o growth": "+ --bodies 3 --solvers glambda",

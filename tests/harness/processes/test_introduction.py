@@ -24,7 +24,7 @@ from tests.fakes.fake_recordings import fake_recording
 from tests.fakes.hostile_imports import FATAL, SILENT, targets
 
 pytestmark = pytest.mark.skipif(not isolate.is_available(), reason="the system cannot fork")
-SHORT = 2.0
+SHORT = 3.0
 """What importing one may take that hangs [s]; the others have what everybody has."""
 
 

@@ -50,7 +50,7 @@ from tests.fakes.fake_recordings import fake_recording
 from tests.fakes.random_qps import random_qp
 
 pytestmark = pytest.mark.skipif(not isolate.is_available(), reason="the system cannot fork")
-SHORT = 1.0
+SHORT = 2.0
 """Hard limit of those that do not come back [s]; the others have that of every study, which an
 honest answer does not reach on a busy machine either."""
 

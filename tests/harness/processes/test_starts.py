@@ -217,7 +217,7 @@ def test_outcomes_of_a_shuffled_pass_are_in_the_order_of_the_qps() -> None:
         np.testing.assert_allclose(qp.A @ one.x, qp.A @ other.x, atol=1e-9 * np.abs(qp.d).max())
 
 
-@pytest.mark.parametrize("solver", ["glambda", "velocity", "daqp", "osqp"])
+@pytest.mark.parametrize("solver", ["glambda", "velocity", "daqp", "osqp", "proxqp", "scs"])
 def test_every_start_leads_to_the_same_answer_and_a_better_one_to_less_work(solver: str) -> None:
     rows = replay(
         short_recording("fig4", 40), [solver], ["high"], EVERY_ARM, repeats=1, time_limit=60.0
