@@ -72,7 +72,8 @@ def sparse() -> None:
     from problems.qp import ContactQP
     from solvers import make_solver
 
-    A, k = _band()
+    A = _band()
+    k = A.shape[1]
     qps = [ContactQP(A, np.full(k, d), np.zeros(k), np.full(k, np.inf)) for d in (1.0, -1.0)]
     for name in ("glambda", "lotstedt"):
         last = None
@@ -84,16 +85,14 @@ def patterns() -> None:
     """The order of elimination of a sparse A, which `sparse` comes to as well."""
     from solvers.active_set.sparse.pattern import make_pattern
 
-    make_pattern(_band()[0])
+    make_pattern(_band())
 
 
-def _band() -> tuple[Any, int]:
-    """A sparse A, and how many columns it has."""
-    import numpy as np
+def _band() -> Any:
+    """A sparse A of so many columns that it is solved as one."""
     import scipy.sparse as sp
 
-    k = 60
-    return sp.csc_array(sp.diags_array([np.ones(k), -np.ones(k - 1)], offsets=[0, 1])), k
+    return sp.csc_array(sp.diags_array([1.0, -1.0], offsets=[0, 1], shape=(60, 60)))
 
 
 def posing() -> None:

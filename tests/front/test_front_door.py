@@ -37,9 +37,10 @@ def test_a_scene_and_a_solver_are_named_or_given() -> None:
 
 @pytest.mark.parametrize("command", ["scenes", "solvers", "info"])
 def test_what_lists_compiles_nothing(command: str, tmp_path: Path) -> None:
-    home, recording = tmp_path / "home", tmp_path / "few.h5"
-    named = [str(recording)] if command == "info" else []
-    write_recording(recording, glambda.record("fig4", until=0.02))
+    home, named = tmp_path / "home", []
+    if command == "info":
+        named = [str(tmp_path / "few.h5")]
+        write_recording(tmp_path / "few.h5", glambda.record("fig4", until=0.02))
     done = subprocess.run(
         [sys.executable, "-m", "glambda", command, *named],
         env={**os.environ, "XDG_CACHE_HOME": str(home)},
