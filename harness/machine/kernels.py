@@ -120,7 +120,7 @@ PARTS: dict[str, Callable[[], None]] = {
     "sparse": sparse,
     "patterns": patterns,
 }
-LANES = ("steps", "patterns"), ("within steps", "dense", "posing", "sparse")
+LANES = ("patterns", "steps"), ("within steps", "dense", "posing", "sparse")
 """Parts that need each other, in the order in which one process compiles them; a lane a core."""
 PART_OF = {"within steps": "steps", "patterns": "sparse"}
 """Parts that are compiled with another one, which need not be named."""

@@ -96,7 +96,8 @@ def kernel_decorator(sources: Sequence[Path], **more: Any) -> Callable[[Any], An
 
     def kernel(function: Any) -> Any:
         with _cached_in(folder) as options:
-            return take_literals_as_numbers(numba.njit(**options, **more)(function))
+            options |= {**more, "no_cfunc_wrapper": True}  # who wants to be handed: `Handed`
+            return take_literals_as_numbers(numba.njit(**options)(function))
 
     return kernel
 
