@@ -56,7 +56,7 @@ def solvers_table(described: Sequence[SolverInfo]) -> Table:
                 f"{s.name}*" if s.name in ACCURATE_CLASS else s.name,
                 f"{s.package} {s.version}",
                 f"{s.summary}\nform: {s.form}; warm start: {s.warm_start}; adds: "
-                f"{s.regularisation}",
+                f"{s.regularisation}" + (f"\nvariants: {s.variants}" if s.variants else ""),
             )
             for s in described
             if s.available

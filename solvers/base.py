@@ -130,6 +130,8 @@ class Solver(abc.ABC):
     form: ClassVar[Form] = "normal"
     forms: ClassVar[tuple[str, ...]] = ()
     """The forms that it can be posed as variants, `name[form]`; none where there is no choice."""
+    variants: ClassVar[tuple[str, ...]] = ()
+    """What `name[variant]` may be beside `forms`."""
     warm_start: ClassVar[str] = "none"
     """What a warm start carries: "none", "x", "x and y", "working set", "factorisation", …"""
     maps_rows: ClassVar[bool] = False

@@ -56,6 +56,7 @@ class SolverInfo:
     form: str = ""
     warm_start: str = ""
     regularisation: str = ""
+    variants: str = ""
     summary: str = ""
 
 
@@ -153,6 +154,7 @@ def describe(name: str) -> SolverInfo:
         form=cls.form,
         warm_start=cls.warm_start,
         regularisation=cls.regularisation,
+        variants=", ".join((*cls.variants, *cls.forms)),
         summary=(cls.__doc__ or "no description").strip().splitlines()[0],
     )
 

@@ -35,6 +35,7 @@ def solvers(
 
     The form says what a package is fed: "normal" is P = AᵀA, which squares the condition;
     "residual" keeps y = A x + d as rows. Starred ones are held to miss no A x at all.
+    A variant is asked for in brackets: lotstedt[exact_qr].
 
     Example:  glambda solvers daqp --protocol > daqp.md
     """

@@ -38,7 +38,7 @@ WIDE = 4.0
 """Costs that span more than this factor stand on a logarithmic axis."""
 COLUMNS = 2
 """Panels beside each other."""
-PANEL_HEIGHT = 2.05
+PANEL_HEIGHT = 2.2
 """Height of a panel with its title and labels [in]."""
 
 
@@ -104,8 +104,7 @@ def _sweep_panel(axes: Axes, one: Measurement) -> None:
     )  # fmt: skip
     axes.axhline(1.0, color=SOFT, linewidth=0.5, zorder=0)
     _interval_axis(axes)
-    axes.set_title(one.scene)
-    _aside(axes, f"f = {one.criterion.free:g}, best {best.cost:,.0f} flops")
+    _head(axes, one.scene, f"f = {one.criterion.free:g}, best {best.cost:,.0f} flops")
 
 
 def _model(axes: Axes, one: Measurement) -> None:
@@ -155,7 +154,6 @@ def _growth_panel(axes: Axes, one: Measurement) -> None:
         axes.plot(
             s, s, color=VERMILLION, linewidth=1.0, linestyle=(0, (4, 2)), label="the paper's s"
         )
-        _aside(axes, f"c = {growth.c:.2g}, r = {growth.r + 0.0:.2g}")
     axes.axhline(
         one.criterion.free,
         color=SOFT,
@@ -171,7 +169,8 @@ def _growth_panel(axes: Axes, one: Measurement) -> None:
     _plain_ticks(axes.xaxis)
     _plain_ticks(axes.yaxis)
     axes.grid(axis="y")
-    axes.set_title(one.scene)
+    fit = "" if growth is None else f"c = {growth.c:.2g}, r = {growth.r + 0.0:.2g}"
+    _head(axes, one.scene, fit)
 
 
 def _plain_ticks(axis: Axis) -> None:
@@ -183,9 +182,10 @@ def _plain_ticks(axis: Axis) -> None:
     axis.set_minor_locator(NullLocator())
 
 
-def _aside(axes: Axes, text: str) -> None:
-    """A remark at the right end of the title's line."""
-    axes.text(1, 1.04, text, transform=axes.transAxes, ha="right", va="bottom", size=7, color=SOFT)
+def _head(axes: Axes, title: str, aside: str) -> None:
+    """A title, and a remark under it, which would not fit beside a long one."""
+    axes.set_title(title, pad=15)
+    axes.text(0, 1.04, aside, transform=axes.transAxes, va="bottom", size=7, color=SOFT)
 
 
 def _place(interval: float) -> float:
@@ -245,7 +245,7 @@ def _panels_of(Figure: type[Figure], count: int, legend: float) -> tuple[Figure,
         x, y = left + column * (width + gap), height - (row + 1) * PANEL_HEIGHT + 0.42
         panels.append(
             figure.add_axes(
-                (x / PAGE_WIDTH, y / height, width / PAGE_WIDTH, (PANEL_HEIGHT - 0.72) / height)
+                (x / PAGE_WIDTH, y / height, width / PAGE_WIDTH, (PANEL_HEIGHT - 0.87) / height)
             )
         )
     return figure, panels

@@ -48,6 +48,8 @@ LEAST = 1e-9
 """Smaller errors [m] and energies are drawn here."""
 NEAR = (1.0, 0.15)
 """Decades within which two outliers share a label."""
+BESIDE = (3.0, 0.6)
+"""Decades within which labels of two would overlap: the one on the right stands below its place."""
 LONGER = 1.1
 """Loops that come to rest later than this, over the time of that with exact QPs, are cut off."""
 SHOWN_NOISE = (("0.01x", SKY), ("1x", GREEN), ("100x", ORANGE), ("1e4x", VERMILLION))
@@ -215,8 +217,12 @@ def _label_outliers(axes: Axes, each: Findings) -> None:
             near[0].append(name)
         else:
             groups.append((place, [name]))
-    for place, names in groups:
+    last, below = np.full(2, -np.inf), False
+    for place, names in sorted(groups, key=lambda group: float(group[0][0])):
+        below = not below and bool((np.abs(place - last) < BESIDE).all())
         axes.annotate(
-            ", ".join(dict.fromkeys(names)), tuple(10**place), xytext=(0, 5), ha="center",
-            textcoords="offset points", fontsize=6.5, color=INK,
+            ", ".join(dict.fromkeys(names)), tuple(10**place), xytext=(0, -5 if below else 5),
+            ha="center", va="top" if below else "bottom", textcoords="offset points",
+            fontsize=6.5, color=INK,
         )  # fmt: skip
+        last = place

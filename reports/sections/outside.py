@@ -255,6 +255,8 @@ def _draw_arm(axes: Any, data: pd.DataFrame, scenes: list[str], arm: str) -> Non
     axes.axvline(1.0, color=INK, linewidth=0.8)
     for line, scene in enumerate(scenes):
         if scene not in found.index:
+            axes.text(0.02, line, "ours or all others are not verified on every QP", size=6.5,
+                      color=SOFT, va="center", transform=axes.get_yaxis_transform())  # fmt: skip
             continue
         part = data[(data["scene"] == scene) & (data[f"verified, {arm}"] == 1.0)]
         part = part[part[clock].notna()].set_index("solver")[clock]

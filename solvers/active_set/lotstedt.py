@@ -81,6 +81,7 @@ class Lotstedt(ActiveSet):
     cg_limit: float | None = None
 
     name: ClassVar[str] = "lotstedt"
+    variants: ClassVar[tuple[str, ...]] = tuple(filter(None, VARIANTS))
 
     def __post_init__(self) -> None:
         if self.variant not in VARIANTS:

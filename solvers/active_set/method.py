@@ -308,13 +308,14 @@ class ActiveSet(Solver):
         """As every solver's, without what the general form of its stages would cost."""
         eps0 = qp.eps0 if self._eps0 is None else self._eps0
         began = perf_counter()
-        kept = kept_room(start, qp.A)
+        dense = isinstance(qp.A, np.ndarray)
+        kept = None if dense else kept_room(start, qp.A)
         room: Workspace | SparseWorkspace
         if kept is not None:
             arguments, room = self._sparse(qp, eps0, kept, True, True)
             ready = perf_counter()
             run_sparse(*arguments)
-        elif self._modes.dense_is_better(qp, start is not None):
+        elif dense or self._modes.dense_is_better(qp, start is not None):
             began = perf_counter()
             old = None if start is None else room_after(start, qp.d.size, qp.lower.size)
             arguments, room = self._dense(qp, eps0, old)

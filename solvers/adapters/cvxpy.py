@@ -31,7 +31,6 @@ from solvers.adapters.package import Built, Native, Outcome, PackageSolver
 from solvers.adapters.posed import Posed
 from solvers.base import Form, Start
 
-_VARIANTS = ("osqp", "clarabel", "scs", "piqp", "proxqp", "daqp", "highs")
 _MANY = 5_000
 
 
@@ -39,7 +38,7 @@ _MANY = 5_000
 class CVXPY(PackageSolver):
     """CVXPY with parameters: sum_squares(A @ x + d), solved by its own default, OSQP.
 
-    variant : the inner solver, one of `_VARIANTS`
+    variant : the inner solver, one of `variants`
     """
 
     variant: str = "osqp"
@@ -47,6 +46,9 @@ class CVXPY(PackageSolver):
     name: ClassVar[str] = "cvxpy"
     package: ClassVar[str] = "cvxpy"
     form: ClassVar[Form] = "residual"
+    variants: ClassVar[tuple[str, ...]] = (
+        "osqp", "clarabel", "scs", "piqp", "proxqp", "daqp", "highs",
+    )  # fmt: skip
     statuses: ClassVar[dict[Any, Status]] = {
         "optimal": Status.SOLVED,
         "optimal_inaccurate": Status.INACCURATE,
@@ -59,7 +61,7 @@ class CVXPY(PackageSolver):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_variant(self.name, self.variant, _VARIANTS)
+        check_variant(self.name, self.variant, self.variants)
 
     def arrays(self, posed: Posed) -> Any:
         """The problem with today's numbers in its parameters, or written anew where they are many.

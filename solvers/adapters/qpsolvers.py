@@ -25,27 +25,28 @@ from solvers.adapters.package import Built, Native, Outcome, PackageSolver
 from solvers.adapters.posed import Posed
 from solvers.base import Start
 
-_VARIANTS = ("proxqp", "clarabel", "osqp", "scs", "piqp", "daqp", "highs", "quadprog")
-
 
 @dataclass(frozen=True)
 class QPSolvers(PackageSolver):
     """qpsolvers as first written: solve_qp(P, q, lb, ub), by the ProxQP of its own example.
 
-    variant : the inner solver, one of `_VARIANTS`
+    variant : the inner solver, one of `variants`
     """
 
     variant: str = "proxqp"
 
     name: ClassVar[str] = "qpsolvers"
     package: ClassVar[str] = "qpsolvers"
+    variants: ClassVar[tuple[str, ...]] = (
+        "proxqp", "clarabel", "osqp", "scs", "piqp", "daqp", "highs", "quadprog",
+    )  # fmt: skip
     warm_start: ClassVar[str] = "x, where the inner solver takes it"
     dense: ClassVar[bool] = True
     statuses: ClassVar[dict[Any, Status]] = {"found": Status.SOLVED, "not found": Status.FAILED}
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_variant(self.name, self.variant, _VARIANTS)
+        check_variant(self.name, self.variant, self.variants)
 
     def arrays(self, posed: Posed) -> Any:
         """P, q and the bounds as a `qpsolvers.Problem`."""

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+import glambda
 from glambda.cli import app
 from glambda.cli.new import package
 
@@ -69,6 +70,13 @@ def test_commands_of_the_tutorial_run(folder: Path) -> None:
         result = CliRunner().invoke(app, words)
         assert result.exit_code == 0, f"{words}\n{result.output}\n{result.exception!r}"
     assert (folder / "report/index.html").stat().st_size
+
+
+def test_the_reference_names_all_that_is_public() -> None:
+    text = (ROOT / "docs/reference/python.md").read_text()
+    named = set(re.findall(r"^\.\. auto\w+:: (\w+)$", text, flags=re.M))
+    assert set(glambda.__all__) - {"__version__"} <= named
+    assert all(hasattr(glambda, name) for name in named)
 
 
 @pytest.mark.parametrize("page", named(PAGES))

@@ -210,6 +210,15 @@ def test_quadprog_through_qpsolvers_refuses_a_singular_hessian():
     assert "positive definite" in solution.status_text
 
 
+def test_every_variant_that_is_listed_can_be_made():
+    listed = {name: describe(name).variants for name in solver_names()}
+    assert listed["lotstedt"] and listed["osqp"] and not listed["glambda"]
+    for name, variants in listed.items():
+        for variant in filter(None, variants.split(", ")):
+            made: Any = make_solver(f"{name}[{variant}]")
+            assert made.variant == variant
+
+
 @pytest.mark.parametrize("outer", ["cvxpy", "qpsolvers"])
 def test_unknown_variant_is_refused(outer: str):
     with pytest.raises(ValueError, match=r"\[nosuch\] is unknown; choose one of"):
