@@ -15,7 +15,7 @@ from glambda.cli.streams import say
 @told
 def scenes() -> None:
     """List the scenes by kind, with their parameters and defaults."""
-    from glambda.display import scenes_table
+    from glambda.display.lists import scenes_table
     from problems import describe_scene
     from problems.scenes.registry import scene_kinds
 
@@ -39,7 +39,7 @@ def solvers(
 
     Example:  glambda solvers daqp --protocol > daqp.md
     """
-    from glambda.display import solvers_table
+    from glambda.display.lists import solvers_table
     from harness.processes.introduction import described
     from solvers.registry import solver_names
 
@@ -66,7 +66,8 @@ def info(
 
     Example:  glambda info recordings/fig4.h5
     """
-    from glambda.display import print_recording, replay_table
+    from glambda.display.recordings import print_recording
+    from glambda.display.rows import replay_table
     from harness.recordings.recording import read_recording
     from harness.results.store import read_results
 

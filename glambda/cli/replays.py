@@ -70,7 +70,7 @@ def replay(
 
     One row again:  glambda replay recordings/fig4.h5 --solvers osqp --settings high --qp 17
     """
-    from glambda.display import print_row, replay_table
+    from glambda.display.rows import print_row, replay_table
     from harness.judging.facts import SETTINGS
     from harness.passes.starts import EVERY_ARM
     from harness.progress import shown
@@ -146,7 +146,7 @@ def verify(
     """
     import tempfile
 
-    from glambda.display import misses_table
+    from glambda.display.rows import misses_table
     from harness.progress import shown
     from harness.recordings.recording import read_recording
     from harness.study.verify import verify as verify_all

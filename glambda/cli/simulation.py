@@ -101,7 +101,7 @@ def simulate(
 
     Example:  glambda simulate fig4 --set mu_I=0.8 --solver daqp --plot fig4.png
     """
-    from glambda.display import print_run
+    from glambda.display.runs import print_run
     from harness.machine.kernels import compile_ahead
     from harness.names import is_own
     from harness.progress import shown

@@ -66,7 +66,7 @@ def study(
     """
     from dataclasses import replace as with_changes
 
-    from glambda.display import replay_table
+    from glambda.display.rows import replay_table
     from harness.progress import shown
     from harness.results.store import read_results
     from harness.study.plan_file import read_plan

@@ -21,8 +21,8 @@ from dataclasses import asdict
 from typing import Any, final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from problems.formulas.multistep import (
     REDONE,
@@ -181,7 +181,7 @@ class NetworkStepper:
         self.conducts &= later | ~blocked
         if not later.any():
             return self._trial(step.h, ahead), later
-        least(float(brentq(least, shortest, step.h, xtol=SHORTEST_STEP)))
+        least(float(scipy.optimize.brentq(least, shortest, step.h, xtol=SHORTEST_STEP)))
         speed = np.abs(last.free - self.past.last.i) / last.h
         return last, later & (last.free <= last.free[later].min() + 10 * SHORTEST_STEP * speed)
 

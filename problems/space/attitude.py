@@ -7,8 +7,8 @@ are not added to: they are turned by rotation vectors, and stay of unit length t
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from problems.qp import Vector
 
@@ -24,7 +24,9 @@ def attitude(axis: tuple[float, float, float], angle: float) -> Vector:
 
 def attitudes_of(R: ArrayLike) -> Vector:
     """The attitudes (…, 4) of rotation matrices (…, 3, 3); `rotations` the other way round."""
-    return np.asarray(np.roll(Rotation.from_matrix(R).as_quat(), 1, axis=-1))
+    return np.asarray(
+        np.roll(scipy.spatial.transform.Rotation.from_matrix(R).as_quat(), 1, axis=-1)
+    )
 
 
 def turned(e: Vector, turn: Vector) -> Vector:

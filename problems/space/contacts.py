@@ -16,7 +16,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from problems.bodies.bodies import GROUND
 from problems.qp import Vector
@@ -68,7 +68,7 @@ class Near:
         if len(self.reach) == 1:
             return []
         far = 2 * float(self.reach.max()) + margin
-        pairs = cKDTree(pose.centres).query_pairs(far, output_type="ndarray")
+        pairs = scipy.spatial.cKDTree(pose.centres).query_pairs(far, output_type="ndarray")
         apart = np.linalg.norm(pose.centres[pairs[:, 0]] - pose.centres[pairs[:, 1]], axis=1)
         near = apart <= self.reach[pairs].sum(axis=1) + margin
         touches = (self.reach[pairs] > 0).all(axis=1)

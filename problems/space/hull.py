@@ -16,8 +16,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.spatial import ConvexHull, QhullError
 
 from problems.qp import Vector
 from problems.space.attitude import cross
@@ -52,8 +52,8 @@ class Hull(NamedTuple):
         """
         corners = np.array(points, dtype=np.float64).reshape(-1, 3)
         try:
-            made = ConvexHull(corners)
-        except (QhullError, ValueError):
+            made = scipy.spatial.ConvexHull(corners)
+        except (scipy.spatial.QhullError, ValueError):
             raise ValueError(f"{len(corners)} points that span no volume make no hull") from None
         inner = np.setdiff1d(np.arange(len(corners)), made.vertices)
         if inner.size:

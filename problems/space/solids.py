@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.spatial import Delaunay
 
 from problems.bodies.checks import check_number
 from problems.qp import Vector
@@ -103,7 +103,7 @@ def polyhedron(points: ArrayLike, density: float = 1.0) -> tuple[Solid, Vector, 
     Raises ValueError for points that are no corners of their hull, or span no volume.
     """
     corners = Hull.of(points).corners
-    cells = corners[Delaunay(corners - corners.mean(axis=0)).simplices]
+    cells = corners[scipy.spatial.Delaunay(corners - corners.mean(axis=0)).simplices]
     volumes = np.abs(np.linalg.det(cells[:, 1:] - cells[:, :1])) / 6
     mass = density * float(volumes.sum())
     centre = volumes @ cells.mean(axis=1) / volumes.sum()

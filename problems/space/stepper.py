@@ -21,7 +21,7 @@ from dataclasses import asdict
 from typing import Any, NamedTuple, final
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from problems.formulas.multistep import (
     REDONE,
@@ -107,7 +107,9 @@ class Trial(NamedTuple):
 
 def _root(clear: Callable[[float], float], level: float, h: float) -> float:
     """Where on the way to h a clearance falls below a level, which it is above at 0."""
-    return float(brentq(lambda at: clear(at) - level, 0.0, h, xtol=1e-14, rtol=1e-14))
+    return float(
+        scipy.optimize.brentq(lambda at: clear(at) - level, 0.0, h, xtol=1e-14, rtol=1e-14)
+    )
 
 
 def _beyond(clear: Callable[[float], float], level: float, low: float, high: float) -> float:

@@ -13,7 +13,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from problems.bodies.bodies import GROUND
 from problems.bodies.path import Path
@@ -196,7 +196,7 @@ def locate_zero(function: Callable[[float], float], h: float, f0: float, f1: flo
     if value == 0.0 or not 0 < guess < h:
         return min(max(guess, 0.0), h)
     low, high = (guess, h) if (value > 0) == (f0 > 0) else (0.0, guess)
-    return float(brentq(function, low, high, xtol=1e-15, rtol=1e-14))
+    return float(scipy.optimize.brentq(function, low, high, xtol=1e-15, rtol=1e-14))
 
 
 def approach_speed(

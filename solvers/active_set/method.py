@@ -123,6 +123,8 @@ Measured, µs, dense / sparse, cold, of random A with half of the entries: 30 by
 each with 12 of 60 entries, dense / sparse, warm: 120 columns 39 / 21.
 """
 EXACT_KINDS = ("impulse", "minimum_norm")
+HANDED_OVER = CUSTOM | EXTRAPOLATED
+"""Bits of a kernel that looks for what `ActiveSet.hand_over` writes."""
 DEFAULT = -1.0
 """As an accuracy: `loop.default_accuracy`."""
 STATUSES = {SOLVED: Status.SOLVED, INACCURATE: Status.INACCURATE}
@@ -316,7 +318,6 @@ class ActiveSet(Solver):
             ready = perf_counter()
             run_sparse(*arguments)
         elif dense or self._modes.dense_is_better(qp, start is not None):
-            began = perf_counter()
             old = None if start is None else room_after(start, qp.d.size, qp.lower.size)
             arguments, room = self._dense(qp, eps0, old)
             ready = perf_counter()
@@ -338,13 +339,14 @@ class ActiveSet(Solver):
     def _dense(self, qp: ContactQP, eps0: float, room: Workspace | None) -> Call:
         """The call of `algorithm_2`, its workspace a new one, or what it remembers."""
         d, lower, modes = qp.d, qp.lower, self._modes
-        small = modes.narrow(qp, room is not None) or qp.kind in EXACT_KINDS
+        few = lower.size <= modes.crossover
+        small = few or modes.narrow(qp, room is not None) or qp.kind in EXACT_KINDS
         mode = modes.small if small else modes.dense
         if room is None:
             room = make_workspace(d.size, lower.size)
         else:
             mode |= WARM
-        if mode & (CUSTOM | EXTRAPOLATED):
+        if mode & HANDED_OVER:
             self.hand_over(room, qp.t)
         return (qp.dense_A, d, lower, qp.upper, qp.row_id, room.S, room.I, eps0, mode), room
 
@@ -357,7 +359,7 @@ class ActiveSet(Solver):
             mode |= TODAYS_A
         if warm:
             mode |= WARM
-        if mode & (CUSTOM | EXTRAPOLATED):
+        if mode & HANDED_OVER:
             self.hand_over(room, qp.t)
         A = qp.A.data, qp.d, qp.lower, qp.upper, qp.row_id
         return (*A, room.pattern, room.Bx, room.Lx, room.S, room.I, kept, eps0, mode), room

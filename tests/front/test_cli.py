@@ -474,10 +474,10 @@ def test_study_end_to_end_and_resumed(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_one_miss_in_thousands_does_not_round_to_all() -> None:
-    from glambda.display import _share
+    from glambda.display.rows import share
 
-    assert _share(2642, 2643) == "99.9%" and _share(1, 2643) == "0.1%"
-    assert _share(2643, 2643) == "100%" and _share(0, 7) == "0%" and _share(0, 0) == "–"
+    assert share(2642, 2643) == "99.9%" and share(1, 2643) == "0.1%"
+    assert share(2643, 2643) == "100%" and share(0, 7) == "0%" and share(0, 0) == "–"
 
 
 @pytest.mark.parametrize(

@@ -85,7 +85,7 @@ def loaded_after(statement: str) -> set[str]:
         "import solvers",
         "import reports",
         "from harness import judge, record, replay",
-        "import harness.study.study, harness.study.verify, glambda.display",
+        "import harness.study.study, harness.study.verify, glambda.display.recordings",
     ],
 )
 def test_importing_a_package_loads_nothing_heavy(statement: str) -> None:

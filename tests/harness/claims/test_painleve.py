@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from glambda.display import print_run
+from glambda.display.runs import print_run
 from harness.claims.painleve import Painleve, painleve_claims
 from harness.claims.slide import STEEPEST, Slide, growth, rod_of_gain, slide_of
 from harness.results.claim import measure

@@ -1,0 +1,1 @@
+"""What the command line prints: tables, and in words what a run or a recording is."""
