@@ -121,7 +121,8 @@ PARTS: dict[str, Callable[[], None]] = {
     "patterns": patterns,
 }
 LANES = ("patterns", "steps"), ("within steps", "dense", "posing", "sparse")
-"""Parts that need each other, in the order in which one process compiles them; a lane a core."""
+"""Parts that need each other, in the order in which one process compiles them; a lane a core.
+`patterns` are there before the other lane comes to `sparse`, which would compile them, too."""
 PART_OF = {"within steps": "steps", "patterns": "sparse"}
 """Parts that are compiled with another one, which need not be named."""
 
