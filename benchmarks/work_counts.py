@@ -44,7 +44,7 @@ from problems.qp import Matrix, WorkCounts
 from problems.scenes.calm import calm_scene
 from problems.scenes.labels import parse_label
 from solvers import make_solver
-from solvers.active_set.lotstedt import VARIANTS
+from solvers.active_set.lotstedt import Lotstedt
 
 BASELINE = Path(__file__).with_suffix(".json")
 SEQUENCES = (
@@ -54,7 +54,7 @@ SEQUENCES = (
     *("tower,bodies=60", "wall,bodies=60"),
     *("pyramid,bodies=10,mu=0.3", "heap,bodies=8"),
 )
-SOLVERS = (METHOD, *(f"{PAPER}[{variant}]" if variant else PAPER for variant in VARIANTS))
+SOLVERS = (METHOD, PAPER, *(f"{PAPER}[{variant}]" for variant in Lotstedt.variants))
 COUNTS = tuple(WorkCounts.__dataclass_fields__)
 DRIVER = "velocity"
 ALLOWED = 0.05

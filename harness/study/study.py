@@ -35,11 +35,11 @@ from harness.study.kept_recording import how_run, recording_in
 from harness.study.record import record
 from problems import scene as make_scene
 from problems.scenes.labels import PAPER_SCENES, parse_label
-from solvers.active_set.lotstedt import VARIANTS as LOTSTEDT_VARIANTS
+from solvers.active_set.lotstedt import Lotstedt
 
 PASS_SECONDS = 0.4
 """[s] of a pass over a scene of the paper, judging included, on average of all backends."""
-VARIANTS = tuple(f"{PAPER}[{variant}]" for variant in LOTSTEDT_VARIANTS if variant)
+VARIANTS = tuple(f"{PAPER}[{variant}]" for variant in Lotstedt.variants)
 """Variants of the paper's method that the study compares with it."""
 
 

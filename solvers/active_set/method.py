@@ -339,7 +339,7 @@ class ActiveSet(Solver):
     def _dense(self, qp: ContactQP, eps0: float, room: Workspace | None) -> Call:
         """The call of `algorithm_2`, its workspace a new one, or what it remembers."""
         d, lower, modes = qp.d, qp.lower, self._modes
-        few = lower.size <= modes.crossover
+        few = lower.size <= modes.crossover  # most are, and are spared a call
         small = few or modes.narrow(qp, room is not None) or qp.kind in EXACT_KINDS
         mode = modes.small if small else modes.dense
         if room is None:

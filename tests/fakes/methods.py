@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from harness.names import METHOD, PAPER
-from solvers.active_set.lotstedt import VARIANTS
+from solvers.active_set.lotstedt import Lotstedt
 
-METHODS = (METHOD, *(f"{PAPER}[{variant}]" if variant else PAPER for variant in VARIANTS))
+METHODS = (METHOD, PAPER, *(f"{PAPER}[{variant}]" for variant in Lotstedt.variants))
