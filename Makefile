@@ -1,7 +1,7 @@
 # make study   simulate, record, replay and report the four scenes: results/report/index.html
 # make campaigns  starts, accuracies and forms, beside a study: more sections of its page
 # make outside    other QPs, beside a study: MuJoCo's, families of scenes, in space, IMPORTS="FILE ..."
-# make publish study, campaigns, outside, criterion and growth, and what they report into reports/published
+# make publish study, campaigns, outside, growth, races, criterion …, and what they report into reports/published
 # make peers   other physics engines, which it installs, beside a study: reports/published/peers
 # make growth  time per QP against its size, up to 20,000 columns: results/growth, …/growth_piles, …
 # make bench   work counts against the committed baseline, then times as ratios
@@ -32,6 +32,8 @@ quick: $(INSTALLED)
 	$(BIN)/glambda study --quick
 
 publish: study campaigns outside growth
+	$(BIN)/glambda race $(SCENES) results/families/*.h5 results/engines/*.h5 -o results/race
+	$(BIN)/glambda race results/growth*/recordings/[htwp]*,bodies=[25]0,*.h5 -o results/race_growth
 	$(BIN)/glambda criterion $(SCENES) results/families/*.h5 -o results/criterion
 	$(BIN)/glambda stability -o results/stability
 	$(BIN)/glambda painleve -o results/painleve

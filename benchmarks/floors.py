@@ -4,7 +4,7 @@
     python -m benchmarks.floors daqp osqp --sequences tower,bodies=15 --rounds 9
 
 1. The sequences are families of other sizes than those that are published; they are simulated here.
-2. Rounds: for every QP the adapter and the hand-written call (`benchmarks/hand_written.py`), one
+2. Rounds: for every QP the adapter and the hand-written call (`harness.race.by_hand`), one
    right after the other, in an order that is turned round every time, both warm along the sequence.
    Accuracy asked: 1e-9 of the scale.
 3. For each QP the least of the rounds counts; printed are medians over the QPs [µs], their ratios,
@@ -30,9 +30,9 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from benchmarks.hand_written import HANDS, Hand
 from harness.judging.facts import facts_of
 from harness.machine.threads import one_thread
+from harness.race.by_hand import HANDS, Called, Hand, posed_for_hands, takes
 from problems import ContactQP, simulate
 from problems.scenes.calm import calm_scene
 from problems.scenes.labels import parse_label
@@ -83,7 +83,7 @@ def sequence(label: str, longest: int = LONGEST) -> list[Posed]:
     reference = make_solver("velocity")
     posed = []
     for qp in run.qps:
-        if qp.kind == "step" and qp.k and (qp.lower < qp.upper).all() and len(posed) < longest:
+        if qp.kind == "step" and posed_for_hands(qp) and len(posed) < longest:
             facts = facts_of(qp)
             asked = qp.with_accuracy(1e-9 * facts.scale)
             exact = (
@@ -110,10 +110,8 @@ class Sides:
     """The adapter and the hand-written call of a package, each warm along a sequence."""
 
     def __init__(self, package: str) -> None:
-        self.solver, self.hand = make_solver(package), HANDS[package]
+        self.solver, self.by_hand = make_solver(package), Called(HANDS[package])
         self.last: Any = None
-        self.made: Any = None
-        self.rows = b""
 
     def solve(self, who: str, qp: ContactQP) -> tuple[float, float, Any]:
         """Seconds of build, of setup and solve, and x."""
@@ -121,17 +119,12 @@ class Sides:
             self.last = self.solver.solve(qp, self.last)
             timing = self.last.timing
             return timing.build, timing.setup + timing.solve, self.last.x
-        if qp.row_id.tobytes() != self.rows:
-            self.rows = qp.row_id.tobytes()
-            self.made = self.hand(qp, 0.1 * qp.eps0 / qp.k**0.5, max(0.5 * qp.eps0**2, 1e-13))
-        return _by_hand(self.made, qp)
+        return _by_hand(self.by_hand.ready_for(qp), qp)
 
 
 def compare(package: str, label: str, posed: Sequence[Posed], rounds: int) -> Line | None:
     """The adapter and the hand-written call, in turns; None where it is not for these QPs."""
-    kind, k = HANDS[package], posed[0].qp.k
-    bounded = any(each.qp.lower.any() or (each.qp.upper < np.inf).any() for each in posed)
-    if k > kind.most or (kind.one_sided and bounded):
+    if not takes(HANDS[package], [each.qp for each in posed]):
         return None
     one = one_column(posed)
     times = np.full((rounds, len(posed), 2, 3), np.nan)
@@ -152,22 +145,19 @@ def compare(package: str, label: str, posed: Sequence[Posed], rounds: int) -> Li
         if time.perf_counter() - began > SLOW:
             break
     own, hand = np.median(np.nanmin(times[: turn + 1], axis=0), axis=0)
-    return Line(label, k, package, *own[:2], *hand[:2], max(own[2] - hand[2], 0.0), error)
+    k, wrapper = posed[0].qp.k, max(own[2] - hand[2], 0.0)
+    return Line(label, k, package, *own[:2], *hand[:2], wrapper, error)
 
 
-def _by_hand(hand: Any, qp: ContactQP) -> tuple[float, float, Any]:
+def _by_hand(hand: Hand, qp: ContactQP) -> tuple[float, float, Any]:
     clock = time.perf_counter
     t0 = clock()
     arrays = hand.arrays(qp)
     t1 = clock()
-    try:
-        x = hand.answer(arrays)
-    except ValueError:  # quadprog, where P is singular
-        return np.nan, np.nan, None
+    x = hand.answer(arrays)
     t2 = clock()
-    if hasattr(hand, "after"):
-        hand.after()
-    return t1 - t0, t2 - t1, x
+    hand.after()
+    return (np.nan, np.nan, None) if x is None else (t1 - t0, t2 - t1, x)
 
 
 def _error(qp: ContactQP, x: Any, Ax: Any, scale: float) -> float:

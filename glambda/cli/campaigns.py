@@ -1,4 +1,4 @@
-"""`glambda criterion | growth | stability`: the methods under the lens."""
+"""`glambda criterion | growth | race | stability`: the methods under the lens."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from glambda.cli.app import Files, app, chosen_solvers, terminal, told
+from glambda.cli.app import Files, app, chosen_solvers, split_names, terminal, told
 from glambda.cli.streams import say
 
 
@@ -95,6 +95,38 @@ def _sizes(text: str) -> list[int]:
     if not sizes or not all(size.isdecimal() for size in sizes):
         raise ValueError(f"--bodies {text!r}: give whole numbers with commas between")
     return [int(size) for size in sizes]
+
+
+@app.command()
+@told
+def race(
+    files: Files,
+    solvers: Annotated[
+        str, typer.Option(help="names with commas between; all: who can be called by hand")
+    ] = "all",
+    rounds: Annotated[int, typer.Option(min=1, help="timed rounds of each sequence")] = 15,
+    output: Annotated[Path, typer.Option("-o", "--output", help="folder")] = Path("race"),
+) -> None:
+    """Who is the quickest when nothing goes on between two calls?
+
+    Packages are called as a careful user would by hand, without our adapters, in one process, one
+    QP right after the other, warm and cold, by three clocks; every answer is judged. Writes race.md
+    with tables and a figure. A folder that holds some of it already is continued.
+
+    Example:  glambda race recordings/*.h5 --solvers glambda,daqp,quadprog -o race
+    """
+    from harness.progress import shown
+    from harness.race.race import race_claim, raced_by
+    from harness.recordings.recording import read_recording
+    from harness.results.claim import measure
+    from reports.claims.race import print_race, write_race
+
+    names = raced_by(split_names(solvers, []))
+    claim = race_claim([read_recording(file) for file in files], names, rounds)
+    with shown("race", terminal(err=True)) as tell:
+        rows = measure([claim], output, tell)["race"]
+    print_race(terminal(), rows)
+    say(str(write_race(rows, output)))
 
 
 @app.command()

@@ -181,8 +181,8 @@ def _refactorize(results: Results) -> str:
     )
 
 
-def not_to_conclude(results: Results, rows: pd.DataFrame) -> list[str]:
-    """What these numbers do not tell."""
+def not_to_conclude(results: Results, rows: pd.DataFrame, lost: bool = False) -> list[str]:
+    """What these numbers do not tell; `lost`: whether a package has won a race."""
     posed = results.rows[results.rows["k"] > 0]
     if posed.empty:
         return []
@@ -191,6 +191,8 @@ def not_to_conclude(results: Results, rows: pd.DataFrame) -> list[str]:
         f"Larger QPs: k ≤ {whole(posed['k'].max())}, {whole(posed['k'].median())} in the median.",
         f"Other machines: times are of {machines} machine{'s' * (machines != 1)} alone.",
     ]
+    if lost:
+        said.append("Speed in a loop that does nothing else: a package is ahead there, see below.")
     heaps = [scene for scene in results.scenes if scene.startswith(("heap", "pyramid", "wall"))]
     said.append(
         f"Who wins on heaps: {join(heaps)} alone {'is' if len(heaps) == 1 else 'are'} here."

@@ -180,7 +180,7 @@ class _Writer:
             "lead": lead(results),
             "facts": facts(results),
             "short": short_answers(results, rows),
-            "cautions": not_to_conclude(results, rows),
+            "cautions": not_to_conclude(results, rows, bool(self.site.losses)),
             "ranked": [self.table(table) for table in ranked_tables(results, rows)],
             "site": self.site,
             "worst": self.worst(),
@@ -200,7 +200,7 @@ class _Writer:
             "disturbed": self.disturbed(),
             "outside": self.outside(outside),
             "criterion": criterion,
-            "unflattering": unflattering(results),
+            "unflattering": unflattering(results, self.site.losses),
             "protocol": protocol(results),
             "versions": self.table(versions_table(results)) if len(results.rows) else None,
             "recordings": self.table(recordings_table(results)),
@@ -478,8 +478,11 @@ def lead(results: Results) -> str:
     return said + "."
 
 
-def unflattering(results: Results) -> list[str] | None:
-    """Where our method does not win, or a warm start slows it; None if it was not run."""
+def unflattering(results: Results, raced: Sequence[str] = ()) -> list[str] | None:
+    """Where our method does not win, or a warm start slows it; None if it was not run.
+
+    raced : the same of a race (`Site.losses`), which comes first
+    """
     if METHOD not in results.solvers:
         return None
     said: list[str] = []
@@ -494,13 +497,14 @@ def unflattering(results: Results) -> list[str] | None:
                 alone += 1
         said += slow_starts(results, setting)
     if said:
-        return said
+        return [*raced, *said]
     if not against_others:
-        return [f"{METHOD} was compared with nobody else."]
+        return [*raced, f"{METHOD} was compared with nobody else."]
     said = [
+        *raced,
         "Nowhere in this study: in each comparison of a scene, an arm and a setting in which it "
         f"stood against others ({against_others}) {METHOD} was verified on every QP and had the "
-        "least median time."
+        "least median time.",
     ]
     if alone:
         said.append(f"In {alone} more it, or everybody else, was missing.")

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 from markupsafe import Markup
 
+from reports.claims.race import losses as race_losses
 from reports.parts.table import write_text
 from reports.parts.templates import environment_of, inlined
 
@@ -28,6 +29,7 @@ COMMANDS = {
     "growth": "growth",
     "painleve": "painleve",
     "peers": "peers",
+    "race": "race",
     "stability": "stability",
 }
 """Folder under the results → the command that fills it."""
@@ -49,10 +51,14 @@ class Leaf(NamedTuple):
 
 @dataclass(frozen=True)
 class Site:
-    """The pages that there are, and the commands whose results are not stored."""
+    """The pages that there are, and the commands whose results are not stored.
+
+    losses : where our method is not the fastest by the page of a race, in sentences
+    """
 
     leaves: Sequence[Leaf] = ()
     absent: Sequence[str] = ()
+    losses: Sequence[str] = ()
 
 
 def write_site(results: Path, out: Path) -> Site:
@@ -62,7 +68,8 @@ def write_site(results: Path, out: Path) -> Site:
     for leaf in leaves:
         _write_leaf(sources[leaf.name], out / leaf.name, leaves)
     absent = [f"glambda {told}" for name, told in COMMANDS.items() if name not in sources]
-    return Site(leaves, absent)
+    races = [sources[name].parent for name in sorted(sources) if name.startswith("race")]
+    return Site(leaves, absent, [said for race in races for said in race_losses(race)])
 
 
 def _sources(results: Path, out: Path) -> list[Path]:

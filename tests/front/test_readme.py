@@ -62,6 +62,8 @@ SHORT = {
     "glambda criterion recordings/*.h5 -o criterion": "glambda criterion recordings/wall*.h5 "
     "-o criterion --repeats 1",
     "glambda growth tower wall -o growth": "+ --bodies 3 --solvers glambda",
+    "glambda race recordings/*.h5 -o race": "glambda race recordings/wall*.h5 -o race "
+    "--solvers glambda,daqp --rounds 1",
     "glambda study --quick": "+ --scenes fig5 --solvers glambda",
     "glambda study --workers 4": "glambda study --workers 1 --quick --scenes fig5 "
     "--solvers glambda --results shared",

@@ -792,6 +792,7 @@ def test_a_win_is_claimed_for_what_was_compared_only():
     rows = make_rows(scenes=("fig2",), arms=("cold",))
     rows.loc[rows["solver"] == "glambda", "runtime"] = 1e-9
     (said,) = unflattering(results_of(rows))
+    assert unflattering(results_of(rows), ["a race is lost"]) == ["a race is lost", said]
     assert "in which it stood against others (1)" in said
     assert unflattering(results_of(make_rows(solvers=("glambda",)))) == [
         "glambda was compared with nobody else."

@@ -9,7 +9,7 @@ import pytest
 
 from harness.recordings.recording import write_recording
 from reports.page.page import write_report
-from reports.page.site import body_of
+from reports.page.site import body_of, write_site
 from tests.reports.browser import Browser, found
 from tests.reports.test_reports import make_recording
 
@@ -23,18 +23,21 @@ GROWTH = """# Time against size
 
 [growth.csv](growth.csv)
 """
+RACE = "scene,arm,clock,best,ratio\nfig2,cold,inside the package,daqp,0.5\n"
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     results = tmp_path_factory.mktemp("results")
-    for folder in ("recordings", "growth", "stability", "older", "solves"):
+    for folder in ("recordings", "growth", "stability", "older", "race", "solves"):
         (results / folder).mkdir()
     write_recording(results / "recordings" / "fig2.h5", make_recording("fig2"))
     (results / "growth" / "growth.md").write_text(GROWTH, encoding="utf-8")
     (results / "growth" / "growth.csv").write_text("k\n20\n", encoding="utf-8")
     (results / "growth" / "rows.parquet").write_bytes(b"not for a reader")
     (results / "stability" / "stability.md").write_text("# Figure 1 & more\n", encoding="utf-8")
+    (results / "race" / "race.md").write_text("# A race\n", encoding="utf-8")
+    (results / "race" / "race_ratios.csv").write_text(RACE, encoding="utf-8")
     (results / "older" / "findings.md").write_text("# Another study\n", encoding="utf-8")
     return write_report(results, results / "report").parent
 
@@ -59,6 +62,11 @@ def test_what_is_not_stored_is_named_and_what_is_is_not(site: Path) -> None:
     text = (site / "index.html").read_text(encoding="utf-8")
     (said,) = re.findall(r"Left out, not stored: (.*?)\.<", text)
     assert "glambda peers" in said and "glambda closed-loop" in said and "growth" not in said
+
+
+def test_what_a_race_has_lost_is_said_first(site: Path) -> None:
+    (said,) = write_site(site.parent, site).losses
+    assert "fig2, cold (daqp, 2.00×)" in said
 
 
 def test_only_what_a_page_consists_of_is_copied(site: Path) -> None:

@@ -5,13 +5,16 @@
 Each is a class: made once for a set of rows, with what stays the same; `arrays` makes with NumPy
 and SciPy what the package takes; `answer` sets up or updates, solves, and gives x.  Nothing is
 shared with the adapters, and nothing is asked that a user who knows masses and forces would not:
-the tolerance `tol` of x, and of the gap, `gap`, is handed over.
+the tolerance `tol` of x, and of the gap, `gap`, is handed over; `inside` is what the package's own
+clock says of it, where it has one.
 
-They are right for what `benchmarks/floors.py` poses (columns of length 1 or so, no fixed rows).
+They are right for columns of length 1 or so, without fixed rows (`posed_for_hands`).  They are the
+measure of adapters in `benchmarks/floors.py`, and of our methods in `harness.race.race`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -34,10 +37,32 @@ class Hand:
         self.m, self.k, self.tol, self.gap = qp.m, qp.k, tol, gap
         self.sparse = sp.issparse(qp.A)
         self.object: Any = None
+        self.said: Any = None
+
+    def arrays(self, qp: ContactQP) -> Any:
+        """What the package takes."""
+        raise NotImplementedError
+
+    def answer(self, arrays: Any) -> Any:
+        """x, once it is set up or updated, and solved; None where the package gives up."""
+        raise NotImplementedError
+
+    def after(self) -> None:
+        """What belongs to no clock: the start of the next QP, where the package keeps none."""
+
+    def inside(self) -> float:
+        """[s] What the package's own clock says of the last set-up and solve; NaN without one."""
+        return np.nan
 
     def P(self, qp: ContactQP) -> Any:
         """AᵀA as an array."""
-        return (qp.A.T @ qp.A).toarray() if self.sparse else qp.A.T @ qp.A
+        A: Any = qp.A
+        return (A.T @ A).toarray() if self.sparse else A.T @ A
+
+    def dense(self, qp: ContactQP) -> Any:
+        """A as an array."""
+        A: Any = qp.A
+        return A.toarray() if self.sparse else A
 
     def upper_triangle(self, qp: ContactQP) -> sp.csc_matrix:
         """The upper triangle of AᵀA, CSC; of a dense one with its zeros."""
@@ -68,27 +93,38 @@ class Daqp(Hand):
         import daqp
 
         tol = self.tol
-        x, _, _, info = daqp.solve(*arrays, primal_tol=tol, dual_tol=tol, eta_prox=1e-13 * self.k)
-        self.lam = info["lam"]
-        return x
+        found = daqp.solve(*arrays, primal_tol=tol, dual_tol=tol, eta_prox=1e-13 * self.k)
+        self.said = found[3]
+        return found[0]
 
     def after(self) -> None:
         """The working set, outside the clock as in the adapter."""
-        self.sense[:] = np.where(self.lam > 0, 1, np.where(self.lam < 0, 3, 0))
+        lam = self.said["lam"]
+        self.sense[:] = np.where(lam > 0, 1, np.where(lam < 0, 3, 0))
+
+    def inside(self) -> float:
+        return float(self.said["setup_time"] + self.said["solve_time"])
 
 
 class Quadprog(Hand):
-    """Rows of I, P definite; else its velocity form."""
+    """Rows of I; where P is singular and x ≥ 0, the velocity form, from the first such QP on."""
 
     most = 300
+    velocity = False
 
     def __init__(self, qp: ContactQP, *rest: Any) -> None:
         super().__init__(qp, *rest)
         low, high = np.flatnonzero(qp.lower > -INF), np.flatnonzero(qp.upper < INF)
         self.low, self.high, one = low, high, np.eye(self.k)
         self.C = np.hstack([one[:, low], -one[:, high]]) if high.size else one
+        self.simple = not high.size and not qp.lower.any()
+        self.one = np.identity(self.m)
 
     def arrays(self, qp: ContactQP) -> Any:
+        self.qp = qp
+        if self.velocity:
+            slack = np.full(self.k, -1e-14 * float(np.linalg.norm(qp.d)))
+            return self.one, qp.d, np.array(self.dense(qp)), slack
         if self.high.size:
             b = np.concatenate([qp.lower[self.low], -qp.upper[self.high]])
         else:
@@ -98,7 +134,14 @@ class Quadprog(Hand):
     def answer(self, arrays: Any) -> Any:
         import quadprog
 
-        return quadprog.solve_qp(*arrays)[0]
+        try:
+            found = quadprog.solve_qp(*arrays)
+        except ValueError:  # its only way to say that P is singular, or that it failed
+            if self.velocity or not self.simple:
+                return None
+            self.velocity = True
+            return self.answer(self.arrays(self.qp))
+        return found[4] if self.velocity else found[0]
 
 
 class Nnls(Hand):
@@ -107,7 +150,7 @@ class Nnls(Hand):
     most, one_sided = 300, True
 
     def arrays(self, qp: ContactQP) -> Any:
-        return qp.A.toarray() if self.sparse else qp.A, -qp.d
+        return self.dense(qp), -qp.d
 
     def answer(self, arrays: Any) -> Any:
         from scipy.optimize import nnls
@@ -135,7 +178,11 @@ class Osqp(Hand):
         else:
             self.object.update_settings(eps_abs=self.tol)
             self.object.update(Px=P.data, q=q, l=lower, u=upper)
-        return self.object.solve(raise_error=False).x
+        self.said = self.object.solve(raise_error=False)
+        return self.said.x
+
+    def inside(self) -> float:
+        return float(self.said.info.run_time)
 
 
 class Piqp(Hand):
@@ -161,6 +208,10 @@ class Piqp(Hand):
         (self.object.setup if fresh else self.object.update)(**arrays)
         self.object.solve()
         return np.array(self.object.result.x)
+
+    def inside(self) -> float:
+        info = self.object.result.info
+        return float((info.update_time or info.setup_time) + info.solve_time)
 
 
 class Proxqp(Hand):
@@ -194,6 +245,7 @@ class Proxqp(Hand):
             settings.check_duality_gap, settings.eps_duality_gap_rel = True, 1e-15 * self.k
             settings.eps_duality_gap_abs = self.gap
             settings.eps_primal_inf = settings.eps_dual_inf = 1e-14
+            settings.compute_timings = True
             settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
             made.init(*arrays)
             self.object = made
@@ -201,6 +253,9 @@ class Proxqp(Hand):
             self.object.update(*arrays)
         self.object.solve()
         return np.array(self.object.results.x[: self.k])
+
+    def inside(self) -> float:
+        return 1e-6 * float(self.object.results.info.run_time)
 
 
 class Clarabel(Hand):
@@ -235,8 +290,11 @@ class Clarabel(Hand):
             self.object = clarabel.DefaultSolver(P, q, G, h, cone, settings)
         else:
             self.object.update(P=P.data, q=q, A=G.data, b=h, settings=settings)
-        result = self.object.solve()
-        return np.array(result.z if self.dual else result.x)
+        self.said = self.object.solve()
+        return np.array(self.said.z if self.dual else self.said.x)
+
+    def inside(self) -> float:
+        return float(self.said.solve_time)
 
 
 class Scs(Hand):
@@ -264,6 +322,10 @@ class Scs(Hand):
         again = (False,) if last is None else (True, last["x"], last["y"], last["s"])
         self.object = made.solve(*again)
         return self.object["x"]
+
+    def inside(self) -> float:
+        info = self.object["info"]
+        return 1e-3 * float(info["setup_time"] + info["solve_time"])
 
 
 class Highs(Hand):
@@ -334,8 +396,9 @@ class _Casadi(Hand):
             made = casadi.conic("hand", self.plugin, shapes, self.options)
             buffer, call = made.buffer()
             self.x, self.lam = np.zeros(n), np.zeros(n)
-            buffer.set_res(made.name_out().index("x"), memoryview(self.x))
-            buffer.set_res(made.name_out().index("lam_x"), memoryview(self.lam))
+            for result, array in (("x", self.x), ("lam_x", self.lam)):
+                written: Any = array
+                buffer.set_res(made.name_out().index(result), memoryview(written))
             names = made.name_in()
             self.places = [names.index(name) for name in ("h", "g", "lbx", "ubx", "x0", "lam_x0")]
             self.object = made, buffer, call
@@ -361,6 +424,37 @@ class Qrqp(_Casadi):
     options = {  # noqa: RUF012
         "print_iter": False, "print_header": False, "print_info": False, "error_on_fail": False,
     }  # fmt: skip
+
+
+def posed_for_hands(qp: ContactQP) -> bool:
+    """Whether a QP has columns, and no fixed ones."""
+    return qp.k > 0 and bool((qp.lower < qp.upper).all())
+
+
+def takes(kind: type[Hand], qps: Sequence[ContactQP]) -> bool:
+    """Whether a package is called with these QPs."""
+    one_sided = all(not qp.lower.any() and bool((qp.upper == INF).all()) for qp in qps)
+    return max(qp.k for qp in qps) <= kind.most and (one_sided or not kind.one_sided)
+
+
+class Called:
+    """A package called by hand along a sequence, made anew where rows or pattern are others."""
+
+    def __init__(self, kind: type[Hand], warm: bool = True) -> None:
+        self._kind, self._warm = kind, warm
+        self._made_for: tuple[bytes, ...] = ()
+        self.hand: Hand
+
+    def ready_for(self, qp: ContactQP) -> Hand:
+        """The package for this QP, whose accuracy is `eps0`; anew at every QP if not `warm`."""
+        rows: tuple[bytes, ...] = qp.row_id.tobytes(), (qp.upper < INF).tobytes()
+        A: Any = qp.A
+        if sp.issparse(A):
+            rows = *rows, A.indptr.tobytes(), A.indices.tobytes()
+        if rows != self._made_for or not self._warm:
+            self._made_for = rows
+            self.hand = self._kind(qp, 0.1 * qp.eps0 / qp.k**0.5, max(0.5 * qp.eps0**2, 1e-13))
+        return self.hand
 
 
 HANDS: dict[str, type[Hand]] = {

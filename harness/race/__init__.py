@@ -1,0 +1,1 @@
+"""Packages called by hand, one QP right after the other: a race beside the replay."""
