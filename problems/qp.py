@@ -17,7 +17,7 @@ Types in this module are frozen and own read-only arrays; they are safe to share
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property, lru_cache
 from math import isfinite, nan
@@ -29,6 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from problems.short import Short
 
+REAL, WHOLE = np.dtype(np.float64), np.dtype(np.int64)
 Vector = NDArray[np.float64]
 Matrix: TypeAlias = "NDArray[np.float64] | sp.csc_array"
 Indices = NDArray[np.int64]
@@ -96,7 +97,7 @@ def _frozen_matrix(value: Any) -> Matrix:
         for part in (A.data, A.indices, A.indptr):
             part.setflags(write=False)
         return A
-    array: NDArray[np.float64] = np.array(value, np.float64, order="C")
+    array: NDArray[np.float64] = _copied(value, REAL)
     if array.ndim != 2:
         raise ValueError(f"A must be a matrix (m, k); got shape {array.shape}")
     _refuse_large("A", array)
@@ -104,7 +105,68 @@ def _frozen_matrix(value: Any) -> Matrix:
     return array
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+def _copied(value: Any, dtype: Any) -> Any:
+    """A copy as an array in C order; what is one already is copied in half the time."""
+    if value.__class__ is np.ndarray and value.dtype is dtype:
+        return value.copy("C")
+    return np.array(value, dtype, order="C")
+
+
+def _frozen(name: str, value: Any, shape: Any, A: Matrix, dtype: Any = REAL) -> Any:
+    """A read-only copy of a field; ValueError where it has another shape."""
+    array = _copied(value, dtype)
+    if array.shape != shape:
+        raise ValueError(f"A has shape {A.shape}, so {name} needs shape {shape}; got {array.shape}")
+    array.setflags(False)
+    return array
+
+
+def _distinct(value: ArrayLike, A: Matrix) -> Any:
+    """`row_id` as a field; ValueError where two are the same."""
+    row_id = _frozen("row_id", value, (A.shape[1],), A, WHOLE)
+    if not _are_distinct(row_id.tobytes()):
+        raise ValueError("row_id holds a number twice; rows of one QP need distinct ids")
+    return row_id
+
+
+@lru_cache(maxsize=64)
+def _are_distinct(numbers: bytes) -> bool:
+    """Whether no number is there twice; rows are mostly those of the QP before."""
+    row_id = np.frombuffer(numbers, WHOLE)
+    return bool((row_id[1:] > row_id[:-1]).all()) or np.unique(row_id).size == row_id.size
+
+
+def _features(value: ArrayLike, A: Matrix) -> Any:
+    return _frozen("feature", value, (A.shape[1], len(FEATURE_FIELDS)), A, WHOLE)
+
+
+def _masses(value: ArrayLike, A: Matrix) -> Any:
+    """D as a field; ValueError where it is not positive and finite."""
+    D = _frozen("D", value, A.shape[:1], A)
+    if not (np.isfinite(D).all() and (D > 0).all()):
+        _refuse_nan("D", D)
+        raise ValueError("D must be positive and finite")
+    return D
+
+
+def _generators(value: ArrayLike, A: Matrix) -> Any:
+    V: Vector = np.array(value, np.float64, order="C")
+    if V.ndim != 2 or V.shape[1] != A.shape[1]:
+        raise ValueError(f"generators must have shape (l, {A.shape[1]}); got {V.shape}")
+    _refuse_nan("generators", V)
+    V.setflags(write=False)
+    return V
+
+
+def _number(name: str, value: Any) -> float:
+    """A number of a QP; ValueError where it is not finite or, t apart, not positive."""
+    value = float(value)
+    if not isfinite(value) or (name != "t" and value <= 0):
+        raise ValueError(f"{name} = {value:g}; it must be finite and (t apart) positive")
+    return value
+
+
+@dataclass(frozen=True, eq=False, repr=False, init=False)
 class ContactQP(Short):
     """minimise ½‖A x + d‖² subject to lower ≤ x ≤ upper, with where it came from.
 
@@ -128,80 +190,76 @@ class ContactQP(Short):
     d: Vector
     lower: Vector
     upper: Vector
-    row_id: NDArray[np.int64] = None  # type: ignore[assignment]
-    feature: NDArray[np.int64] = None  # type: ignore[assignment]
-    D: Vector = None  # type: ignore[assignment]
-    generators: Vector | None = None
-    kind: str = "step"
-    accepted: bool = True
-    restart: bool = False
-    t: float = 0.0
-    h: float = 1.0
-    alpha0: float = 1.0
-    eps0: float = 1e-9
+    row_id: NDArray[np.int64]
+    feature: NDArray[np.int64]
+    D: Vector
+    generators: Vector | None
+    kind: str
+    accepted: bool
+    restart: bool
+    t: float
+    h: float
+    alpha0: float
+    eps0: float
 
-    def __post_init__(self) -> None:
-        parts = self.__dict__
-        A = parts["A"] = _frozen_matrix(self.A)
-        m, k = A.shape
-        for name, shape, dtype in (
-            ("d", (m,), np.float64),
-            ("lower", (k,), np.float64),
-            ("upper", (k,), np.float64),
-            ("row_id", (k,), np.int64),
-            ("feature", (k, len(FEATURE_FIELDS)), np.int64),
-            ("D", (m,), np.float64),
-        ):
-            value = parts[name]
-            if value is None and name in ("row_id", "feature", "D"):
-                parts[name] = _usual(name, shape[0])
-                continue
-            array = np.array(value, dtype, order="C")
-            if array.shape != shape:
-                raise ValueError(
-                    f"A has shape {(m, k)}, so {name} needs shape {shape}; got {array.shape}"
-                )
-            array.setflags(write=False)
-            parts[name] = array
+    def __init__(
+        self,
+        A: ArrayLike | sp.sparray | sp.spmatrix,
+        d: ArrayLike,
+        lower: ArrayLike,
+        upper: ArrayLike,
+        row_id: ArrayLike | None = None,
+        feature: ArrayLike | None = None,
+        D: ArrayLike | None = None,
+        generators: ArrayLike | None = None,
+        kind: str = "step",
+        accepted: bool = True,
+        restart: bool = False,
+        t: float = 0.0,
+        h: float = 1.0,
+        alpha0: float = 1.0,
+        eps0: float = 1e-9,
+    ) -> None:
+        # written out: what a dataclass makes takes half as long as the QP of a small scene
+        own = _frozen_matrix(A)
+        m, k = own.shape
+        self.__dict__.update(
+            A=own,
+            d=_frozen("d", d, (m,), own),
+            lower=_frozen("lower", lower, (k,), own),
+            upper=_frozen("upper", upper, (k,), own),
+            row_id=_usual("row_id", k) if row_id is None else _distinct(row_id, own),
+            feature=_usual("feature", k) if feature is None else _features(feature, own),
+            D=_usual("D", m) if D is None else _masses(D, own),
+            generators=None if generators is None else _generators(generators, own),
+            kind=kind,
+            accepted=accepted,
+            restart=restart,
+            t=_number("t", t),
+            h=_number("h", h),
+            alpha0=_number("alpha0", alpha0),
+            eps0=_number("eps0", eps0),
+        )
         _refuse_large("d", self.d)
         self._check_bounds()
-        self._check_others(m, k)
+        if kind not in KINDS:
+            raise ValueError(f"kind {kind!r} is unknown; choose one of {', '.join(KINDS)}")
 
     def _check_bounds(self) -> None:
-        """Refuse NaN, lower = inf, upper = −inf and lower > upper; two sums tell of the first."""
+        """Refuse NaN, lower = inf, upper = −inf and lower > upper; what is often so is asked first:
+        a comparison with NaN is false, and a sum that is not finite tells of infinite terms."""
         lower, upper = self.lower, self.upper
-        ones = _usual("D", lower.size)
-        if not (lower.dot(ones) < np.inf and upper.dot(ones) > -np.inf):
-            _refuse_nan("lower", lower)
-            _refuse_nan("upper", upper)
-            if (lower == np.inf).any() or (upper == -np.inf).any():
-                raise ValueError("lower may not be +inf and upper may not be -inf")
-        if np.count_nonzero(lower > upper):
+        k, ones = lower.size, _usual("D", lower.size)
+        in_order = np.count_nonzero(lower <= upper) == k
+        if in_order and lower.dot(ones) < np.inf and upper.dot(ones) > -np.inf:
+            return
+        _refuse_nan("lower", lower)
+        _refuse_nan("upper", upper)
+        if (lower == np.inf).any() or (upper == -np.inf).any():
+            raise ValueError("lower may not be +inf and upper may not be -inf")
+        if not in_order:
             i = np.flatnonzero(lower > upper)[0]
             raise ValueError(f"lower[{i}] = {lower[i]:g} exceeds upper[{i}] = {upper[i]:g}")
-
-    def _check_others(self, m: int, k: int) -> None:
-        row_id, D = self.row_id, self.D
-        if row_id is not _usual("row_id", k):
-            in_order = np.count_nonzero(row_id[1:] > row_id[:-1]) == max(k - 1, 0)
-            if not in_order and np.unique(row_id).size != k:
-                raise ValueError("row_id holds a number twice; rows of one QP need distinct ids")
-        if D is not _usual("D", m) and not (np.isfinite(D).all() and (D > 0).all()):
-            _refuse_nan("D", D)
-            raise ValueError("D must be positive and finite")
-        if self.kind not in KINDS:
-            raise ValueError(f"kind {self.kind!r} is unknown; choose one of {', '.join(KINDS)}")
-        for name in ("t", "h", "alpha0", "eps0"):
-            value = self.__dict__[name] = float(self.__dict__[name])
-            if not isfinite(value) or (name != "t" and value <= 0):
-                raise ValueError(f"{name} = {value:g}; it must be finite and (t apart) positive")
-        if self.generators is not None:
-            V = np.array(self.generators, np.float64, order="C")
-            if V.ndim != 2 or V.shape[1] != k:
-                raise ValueError(f"generators must have shape (l, {k}); got {V.shape}")
-            _refuse_nan("generators", V)
-            V.setflags(write=False)
-            self.__dict__["generators"] = V
 
     @property
     def m(self) -> int:
@@ -267,13 +325,17 @@ class ContactQP(Short):
 
     def as_accepted(self) -> ContactQP:
         """The same QP, of a step that was accepted."""
-        made: ContactQP = object.__new__(type(self))
-        vars(made).update(vars(self), accepted=True)
-        return made
+        return self._with(accepted=True)
 
     def with_accuracy(self, eps0: float) -> ContactQP:
         """The same QP, to be solved to ‖A δx‖ ≤ eps0."""
-        return replace(self, eps0=eps0)
+        return self._with(eps0=_number("eps0", eps0))
+
+    def _with(self, **fields: Any) -> ContactQP:
+        """The same QP but for fields that are right."""
+        made: ContactQP = object.__new__(type(self))
+        vars(made).update(vars(self), **fields)
+        return made
 
 
 class Status(Enum):

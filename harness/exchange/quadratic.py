@@ -55,7 +55,7 @@ class LeastSquares:
 
     def qps(self, tolerance: float) -> tuple[list[ContactQP], dict[str, Any]]:
         """The one QP, and what is to be said of it."""
-        qp = ContactQP(self.A, -self.b, self.lower, self.upper, row_id=self.row_id)  # type: ignore[arg-type]
+        qp = ContactQP(self.A, -self.b, self.lower, self.upper, row_id=self.row_id)
         return [qp], {"import.form": "as given"}
 
 

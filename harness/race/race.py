@@ -8,8 +8,8 @@ tells less of a program that poses QPs as well; it has no isolation, and is for 
 1. The QPs are those that end a step, in order, with columns, without fixed ones and with a
    reference; the first `MOST` of a recording.  Accuracy asked: 1e-9 of the scale (`high`).
 2. A package is called as a careful user would by hand (`harness.race.by_hand`), without an adapter;
-   ours as everybody calls it, by `Solver.solve`, and once more, where QPs are small, all of them in
-   one compiled call (`ONE_CALL`), which stands beside the race.
+   ours as everybody calls it, by `ContactQP` and `Solver.solve`; and once more, where QPs are
+   small, all of them in one compiled call (`ONE_CALL`), which stands beside the race.
 3. Rounds: each contestant takes the whole sequence in order, warm from its own last answer, or cold
    and made anew at every QP; and once more, by the clock, so that data and code are where they are
    in a loop.  Then the next one does, in an order that is turned round every time.  The garbage
@@ -19,8 +19,9 @@ tells less of a program that poses QPs as well; it has no isolation, and is for 
    so of each other; its interval is the middle half of the rounds.
 
        inside    by the package's own clock, of ours the compiled call
-       arrays    set-up and solve, from the arrays that the package takes
-       whole     from A, d and bounds to x, the arrays built within
+       arrays    set-up and solve, from what the package takes to x; of ours the call of `solve`
+       whole     from A, d and bounds to x, what is taken built within; of ours a `ContactQP`,
+                 which copies and checks them
 
    A package's own clock that reads more than ours is not believed, on any QP of the sequence.
 
@@ -32,7 +33,6 @@ from __future__ import annotations
 import gc
 import time
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -103,11 +103,7 @@ def race_claim(recordings: Sequence[Recording], names: Sequence[str], rounds: in
         for digest, recording in known.items()
         for arm in ARMS
     ]
-    return Claim("race", partial(_said, rows), units, [name for name in names if name != ONE_CALL])
-
-
-def _said(rows: Any, **unit: Any) -> Any:
-    return rows(**unit)
+    return Claim("race", rows, units, [name for name in names if name != ONE_CALL])
 
 
 def entered(recording: Recording) -> list[tuple[ContactQP, Reference]]:
@@ -180,12 +176,14 @@ def _ours(name: str, qps: Sequence[ContactQP], warm: bool) -> Lap:
     solver, times, answers = make_solver(name), [], []
     last: Solution | None = None
     for qp in qps:
+        A, d, lower, upper, row_id = qp.A, qp.d, qp.lower, qp.upper, qp.row_id
         start = last if warm else None
         t0 = CLOCK()
-        last = solver.solve(qp, start)
+        posed = ContactQP(A, d, lower, upper, row_id, kind=qp.kind, t=qp.t, eps0=qp.eps0)
         t1 = CLOCK()
-        told = last.timing
-        times.append((told.inside, told.setup + told.solve, t1 - t0))
+        last = solver.solve(posed, start)
+        t2 = CLOCK()
+        times.append((last.timing.inside, t2 - t1, t2 - t0))
         answers.append(last.x)
     return np.array(times), answers
 

@@ -54,8 +54,10 @@ BY_CLOCK = {
 }
 READ_AS = {
     "inside": "by the package's own clock, of ours the compiled call; a dash: it has none",
-    "arrays": "set-up and solve, from the arrays that the package takes, such as AᵀA; ours takes A",
-    "whole": "the whole call from A, d and bounds to x, the package's arrays built within",
+    "arrays": "set-up and solve, from what the package takes to x, such as AᵀA and Aᵀd; ours takes "
+    "a ContactQP",
+    "whole": "from A, d and bounds to x, what the package takes built within; of ours a ContactQP, "
+    "which copies and checks them, and which a simulation has already",
 }
 LOOKS = {"inside": (GREEN, "o"), "arrays": (BLUE, "s"), "whole": (VERMILLION, "D")}
 """Colour and marker of a clock."""
