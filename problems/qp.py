@@ -20,7 +20,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property, lru_cache
-from math import isfinite, nan
+from math import inf, isfinite, nan
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -223,6 +223,7 @@ class ContactQP(Short):
         # written out: what a dataclass makes takes half as long as the QP of a small scene
         own = _frozen_matrix(A)
         m, k = own.shape
+        t, h, alpha0, eps0 = float(t), float(h), float(alpha0), float(eps0)
         self.__dict__.update(
             A=own,
             d=_frozen("d", d, (m,), own),
@@ -235,29 +236,32 @@ class ContactQP(Short):
             kind=kind,
             accepted=accepted,
             restart=restart,
-            t=_number("t", t),
-            h=_number("h", h),
-            alpha0=_number("alpha0", alpha0),
-            eps0=_number("eps0", eps0),
+            t=t,
+            h=h,
+            alpha0=alpha0,
+            eps0=eps0,
         )
+        if own.__class__ is np.ndarray:
+            self.__dict__["dense_A"] = own
         _refuse_large("d", self.d)
         self._check_bounds()
         if kind not in KINDS:
             raise ValueError(f"kind {kind!r} is unknown; choose one of {', '.join(KINDS)}")
+        if not (-inf < t < inf and 0.0 < h < inf and 0.0 < alpha0 < inf and 0.0 < eps0 < inf):
+            for name in ("t", "h", "alpha0", "eps0"):
+                _number(name, self.__dict__[name])
 
     def _check_bounds(self) -> None:
-        """Refuse NaN, lower = inf, upper = −inf and lower > upper; what is often so is asked first:
-        a comparison with NaN is false, and a sum that is not finite tells of infinite terms."""
+        """Refuse NaN, lower = inf, upper = −inf and lower > upper; where lower < upper everywhere
+        there is none of these."""
         lower, upper = self.lower, self.upper
-        k, ones = lower.size, _usual("D", lower.size)
-        in_order = np.count_nonzero(lower <= upper) == k
-        if in_order and lower.dot(ones) < np.inf and upper.dot(ones) > -np.inf:
+        if np.count_nonzero(lower < upper) == lower.size:
             return
         _refuse_nan("lower", lower)
         _refuse_nan("upper", upper)
         if (lower == np.inf).any() or (upper == -np.inf).any():
             raise ValueError("lower may not be +inf and upper may not be -inf")
-        if not in_order:
+        if (lower > upper).any():
             i = np.flatnonzero(lower > upper)[0]
             raise ValueError(f"lower[{i}] = {lower[i]:g} exceeds upper[{i}] = {upper[i]:g}")
 

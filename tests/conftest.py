@@ -56,17 +56,28 @@ ROUNDING = (
 ROUNDING_SCENE = "fig4"
 """Of the tests that go through all scenes, that whose QPs are the most delicate; and of the solvers
 ours, since packages come compiled and sum as they do."""
-LEFT_OUT = "not slow"
+LEFT_OUT, ONCE_MORE = "not slow", "rounding"
+"""What `make check` and `make rounding` give as -m."""
+SLOW_ONES, DELICATE = set(" ".join(SLOW.values()).split()), set(ROUNDING.split())
 _begun: set[Path] = set()
 """Modules of which a test has begun in this process."""
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Modules of which nothing would be run are not imported either."""
+    name, asked = collection_path.stem, config.option.markexpr
+    slow = asked == LEFT_OUT and name in SLOW_ONES
+    return (
+        slow or (asked == ONCE_MORE and name.startswith("test_") and name not in DELICATE) or None
+    )
+
+
 def pytest_collection_modifyitems(items: Sequence[pytest.Item]) -> None:
-    slow, delicate = set(" ".join(SLOW.values()).split()), set(ROUNDING.split())
     for item in items:
-        if item.path.stem in slow:
+        name = item.path.stem
+        if name in SLOW_ONES:
             item.add_marker(pytest.mark.slow)
-        if item.path.stem in delicate and (item.path.stem != "test_same_force" or _delicate(item)):
+        if name in DELICATE and (name != "test_same_force" or _delicate(item)):
             item.add_marker(pytest.mark.rounding)
 
 

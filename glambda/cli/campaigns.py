@@ -104,7 +104,7 @@ def race(
     solvers: Annotated[
         str, typer.Option(help="names with commas between; all: who can be called by hand")
     ] = "all",
-    rounds: Annotated[int, typer.Option(min=1, help="timed rounds of each sequence")] = 15,
+    rounds: Annotated[int, typer.Option(min=1, help="timed rounds of each sequence")] = 9,
     output: Annotated[Path, typer.Option("-o", "--output", help="folder")] = Path("race"),
 ) -> None:
     """Who is the quickest when nothing goes on between two calls?

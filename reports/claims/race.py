@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -59,6 +60,10 @@ READ_AS = {
     "whole": "from A, d and bounds to x, what the package takes built within; of ours a ContactQP, "
     "which copies and checks them, and which a simulation has already",
 }
+MANY = 12
+"""Places that are named where more have lost."""
+WIDEST = 34
+"""Characters of a line above a panel."""
 LOOKS = {"inside": (GREEN, "o"), "arrays": (BLUE, "s"), "whole": (VERMILLION, "D")}
 """Colour and marker of a clock."""
 
@@ -123,19 +128,23 @@ def losses(folder: Path) -> list[str]:
 
     folder : where `write_race` has written it
     """
-    data = pd.read_csv(folder / f"{RATIOS}.csv")
+    return _lost(pd.read_csv(folder / f"{RATIOS}.csv"))
+
+
+def _lost(data: pd.DataFrame) -> list[str]:
+    """The same of the numbers of `ratios_table`."""
     said = []
     for clock, part in data.groupby("clock", sort=False):
         lost = part[part["ratio"] < 1.0]
         if lost.empty:
             continue
         places = [
-            f"{row['scene']}, {row['arm']} ({row['best']}, {times(1 / row['ratio'])})"
+            f"{row['scene']} {row['arm']} ({row['best']}, {times(1 / row['ratio'])})"
             for _, row in lost.iterrows()
         ]
         said.append(
             f"Called by hand, one QP right after the other, a package is faster than {METHOD} "
-            f"{clock} on {len(lost)} of {len(part)}: {join(places)}."
+            f"{clock} on {len(lost)} of {len(part)}: {join(places, MANY)}."
         )
     return said
 
@@ -153,19 +162,22 @@ def plot_race(rows: pd.DataFrame, path: Path) -> Path:
         for axes in grid.ravel()[len(scenes) :]:
             axes.set_visible(False)
         for axes, scene in zip(grid.ravel(), scenes, strict=False):
-            part = drawn[drawn["scene"] == scene]
-            _panel(axes, part)
-            axes.set_title(f"{scene}, k ≤ {part['k'].max()}")
+            _panel(axes, drawn[drawn["scene"] == scene])
+            axes.set_title(fill(scene, WIDEST, break_on_hyphens=False), fontsize=9)
         handles, labels = grid[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3)
         return save(figure, path)
 
 
 def _panel(axes: Axes, part: pd.DataFrame) -> None:
+    from matplotlib.ticker import NullFormatter
+
+    most = part["k"].max()
     part = part[part["verified"] == 1.0]
     order = part.assign(by=part["whole"].fillna(part["arrays"])).sort_values("by", ascending=False)
     places = np.arange(len(order))
     axes.set_xscale("log")
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.grid(True, axis="x", which="major")
     for clock in CLOCKS:
         colour, marker = LOOKS[clock]
@@ -176,7 +188,7 @@ def _panel(axes: Axes, part: pd.DataFrame) -> None:
     axes.set_yticks(places, order["solver"].tolist(), color=INK)
     for text, name in zip(axes.get_yticklabels(), order["solver"], strict=True):
         text.set_fontweight("bold" if name in OURS or name == ONE_CALL else "normal")
-    axes.set_xlabel("µs per QP")
+    axes.set_xlabel(f"µs per QP, k ≤ {most}")
 
 
 def print_race(console: Console, rows: pd.DataFrame) -> None:
@@ -206,10 +218,10 @@ def _page(rows: pd.DataFrame, tables: Sequence[Table]) -> str:
     parts = [
         "# A race: one QP right after the other\n",
         introduction + "\n",
-        _shown(tables[0]),
+        *(f"- {said}\n" for said in _lost(tables[0].data)),
         "![Time per QP by three clocks](race.png)\n",
         f"*Started {rows['arm'].iloc[0]}; verified on every QP.*\n",
-        *map(_shown, tables[1:]),
+        *map(_shown, tables),
     ]
     return "\n".join(parts)
 

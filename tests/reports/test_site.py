@@ -66,7 +66,7 @@ def test_what_is_not_stored_is_named_and_what_is_is_not(site: Path) -> None:
 
 def test_what_a_race_has_lost_is_said_first(site: Path) -> None:
     (said,) = write_site(site.parent, site).losses
-    assert "fig2, cold (daqp, 2.00×)" in said
+    assert "fig2 cold (daqp, 2.00×)" in said
 
 
 def test_only_what_a_page_consists_of_is_copied(site: Path) -> None:

@@ -199,7 +199,7 @@ def test_ratios_are_of_rounds_least_ahead_first(tmp_path: Path) -> None:
     (said,) = losses(tmp_path)
     assert said == (
         "Called by hand, one QP right after the other, a package is faster than glambda inside "
-        "the package on 1 of 1: fig2, cold (daqp, 2.00×)."
+        "the package on 1 of 1: fig2 cold (daqp, 2.00×)."
     )
     assert "0.500×" in ratios_table(found).rows_in_markdown()
     assert {path.name for path in tmp_path.iterdir()} >= {
