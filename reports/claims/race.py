@@ -62,7 +62,7 @@ READ_AS = {
 }
 MANY = 12
 """Places that are named where more have lost."""
-WIDEST = 34
+WIDEST = 30
 """Characters of a line above a panel."""
 LOOKS = {"inside": (GREEN, "o"), "arrays": (BLUE, "s"), "whole": (VERMILLION, "D")}
 """Colour and marker of a clock."""
@@ -163,7 +163,7 @@ def plot_race(rows: pd.DataFrame, path: Path) -> Path:
             axes.set_visible(False)
         for axes, scene in zip(grid.ravel(), scenes, strict=False):
             _panel(axes, drawn[drawn["scene"] == scene])
-            axes.set_title(fill(scene, WIDEST, break_on_hyphens=False), fontsize=9)
+            axes.set_title(fill(scene.replace(",", ", "), WIDEST), fontsize=9)
         handles, labels = grid[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3)
         return save(figure, path)
