@@ -148,9 +148,7 @@ STORED: dict[str, Callable[[], list[float]]] = {
     "inside the package it takes 0.4 to 2 times as long as ours": partial(
         of_the_race, "inside the package"
     ),
-    "the best package takes 0.4 to 0.9 times as long": partial(
-        of_the_race, "from A, d and bounds"
-    ),
+    "the best package takes 0.4 to 0.9 times as long": partial(of_the_race, "from A, d and bounds"),
     "On 100 to 150 columns a package is still level by one clock": where_a_race_is_lost,
 }
 """Words → numbers that are published, which must lie between those of the words."""
