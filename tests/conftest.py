@@ -66,10 +66,14 @@ _begun: set[Path] = set()
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Modules of which nothing would be run are not imported either."""
     name, asked = collection_path.stem, config.option.markexpr
-    slow = asked == LEFT_OUT and name in SLOW_ONES
-    return (
-        slow or (asked == ONCE_MORE and name.startswith("test_") and name not in DELICATE) or None
+    if not name.startswith("test_"):
+        return None
+    if asked == LEFT_OUT:
+        return name in SLOW_ONES or None
+    marked = (
+        asked != ONCE_MORE or name in DELICATE or "mark.rounding" in collection_path.read_text()
     )
+    return not marked or None
 
 
 def pytest_collection_modifyitems(items: Sequence[pytest.Item]) -> None:
