@@ -456,6 +456,10 @@ class Called:
             self.hand = self._kind(qp, 0.1 * qp.eps0 / qp.k**0.5, max(0.5 * qp.eps0**2, 1e-13))
         return self.hand
 
+    def forget(self) -> None:
+        """The package is made anew for the next QP: it has raised at this one."""
+        self._made_for = ()
+
 
 HANDS: dict[str, type[Hand]] = {
     "daqp": Daqp,

@@ -25,7 +25,8 @@ tells less of a program that poses QPs as well; it has no isolation, and is for 
 
    A package's own clock that reads more than ours is not believed, on any QP of the sequence.
 
-5. Every answer of every round is judged (`harness.judging.judge`), after the race.
+5. Every answer of every round is judged (`harness.judging.judge`), after the race; who raises has
+   none, and begins anew at the next QP.
 """
 
 from __future__ import annotations
@@ -57,6 +58,8 @@ MOST = 300
 """QPs of a sequence."""
 SLOW = 3.0
 """[s] A round that takes longer is a contestant's last one."""
+LAPS = 2
+"""Of a round, the last of which is timed."""
 CLOCKS = ("inside", "arrays", "whole")
 ARMS = ("warm", "cold")
 OURS = (METHOD, PAPER)
@@ -142,7 +145,7 @@ def raced(
                     continue
                 gc.collect()
                 began = CLOCK()
-                for _ in range(2):
+                for _ in range(LAPS):
                     times[name][number], found = _lap(name, qps, arm == "warm")
                     answers[name].append(found)
                 if CLOCK() - began > SLOW:
@@ -151,7 +154,8 @@ def raced(
     rows: list[dict[str, Any]] = []
     for name in racing:
         common = {"solver": name, **size, **_judged(pairs, answers[name])}
-        for number, medians in enumerate(_medians(times[name])):
+        taken = times[name][: len(answers[name]) // LAPS]
+        for number, medians in enumerate(_medians(taken)):
             rows.append(common | {"round": number} | dict(zip(CLOCKS, medians, strict=True)))
     return rows
 
@@ -200,23 +204,27 @@ def _by_hand(kind: type[Hand], qps: Sequence[ContactQP], warm: bool) -> Lap:
     called, times, answers = Called(kind, warm), [], []
     for qp in qps:
         hand = called.ready_for(qp)
-        t0 = CLOCK()
-        arrays = hand.arrays(qp)
-        t1 = CLOCK()
-        x = hand.answer(arrays)
-        t2 = CLOCK()
-        hand.after()
-        times.append((hand.inside(), t2 - t1, t2 - t0))
-        answers.append(None if x is None else np.array(x, dtype=np.float64))
+        try:
+            t0 = CLOCK()
+            arrays = hand.arrays(qp)
+            t1 = CLOCK()
+            x = hand.answer(arrays)
+            t2 = CLOCK()
+            hand.after()
+            times.append((hand.inside(), t2 - t1, t2 - t0))
+            answers.append(None if x is None else np.array(x, dtype=np.float64))
+        except Exception:  # whatever a package raises: it has no answer, and begins anew
+            called.forget()
+            times.append((np.nan, np.nan, np.nan))
+            answers.append(None)
     return np.array(times), answers
 
 
 def _medians(times: Vector) -> Vector:
-    """Medians over the QPs of the rounds that were taken, (rounds, 3), of times (rounds, n, 3)."""
-    taken = times[np.isfinite(times).any(axis=(1, 2))]
-    if (taken[:, :, 0] > taken[:, :, 1]).any():
-        taken[:, :, 0] = np.nan
-    return np.median(taken, axis=1)
+    """Medians over the QPs, (rounds, 3), of times (rounds, n, 3)."""
+    if (times[:, :, 0] > times[:, :, 1]).any():
+        times[:, :, 0] = np.nan
+    return np.median(times, axis=1)
 
 
 def _judged(

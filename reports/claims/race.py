@@ -193,7 +193,7 @@ def _panel(axes: Axes, part: pd.DataFrame) -> None:
 
 def print_race(console: Console, rows: pd.DataFrame) -> None:
     """Print every table."""
-    print_tables(console, tables_of(rows))
+    print_tables(console, (table for table in tables_of(rows) if len(table.data)))
 
 
 def write_race(rows: pd.DataFrame, folder: str | Path) -> Path:
@@ -228,6 +228,8 @@ def _page(rows: pd.DataFrame, tables: Sequence[Table]) -> str:
 
 def _shown(table: Table) -> str:
     """A table with all its rows, however many."""
+    if table.data.empty:
+        return f"## {table.heading}\n\n*Nobody was compared with {METHOD}.*\n"
     parts = [f"## {table.heading}", f"*How to read:* {table.reading}", table.rows_in_markdown()]
     if table.notes:
         parts.append("\n".join(f"- {note}" for note in table.notes))

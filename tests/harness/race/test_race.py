@@ -155,6 +155,22 @@ class _Without(_Wrong):
         return None
 
 
+class _Raises(_Wrong):
+    """Answers no QP but the first that it is asked after it was made."""
+
+    def __init__(self, *made_for: object) -> None:
+        super().__init__(*made_for)  # type: ignore[arg-type]
+        self.asked = 0
+
+    def answer(self, arrays: ContactQP) -> np.ndarray:
+        self.asked += 1
+        if self.asked > 1:
+            raise RuntimeError("data formatting error")
+        found = make_solver("velocity").solve(arrays).x
+        assert found is not None
+        return found
+
+
 def test_wrong_answers_and_impossible_clocks_do_not_count(
     tower: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -169,6 +185,20 @@ def test_wrong_answers_and_impossible_clocks_do_not_count(
     assert ratios(found).empty
     table = clock_table(found, "whole")
     assert "wrong" not in table.data and len(table.notes) == 2
+
+
+def test_who_raises_loses_that_qp_and_begins_anew(
+    tower: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(HANDS, "raises", _Raises)
+    found = pd.DataFrame(raced(tower, "warm", ["glambda", "raises"], 2))
+    his = found[found["solver"] == "raises"]
+    count = his["qps"].iloc[0]
+    assert list(his["round"]) == [0, 1]
+    assert (his["verified"] == -(-count // 2) / count).all()  # every other QP
+    assert his[list(CLOCKS)].isna().all(axis=None)
+    cold = pd.DataFrame(raced(tower, "cold", ["raises"], 1))
+    assert (cold["verified"] == 1.0).all()
 
 
 def made_up(solver: str, inside: float, whole: Sequence[float]) -> pd.DataFrame:
