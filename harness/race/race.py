@@ -3,7 +3,7 @@
 A replay (`harness.study.replay`) asks one QP at a time of a process that does other things in
 between, as a simulation does, and then caches and branch predictors are cold: whoever needs a
 microsecond takes twice that.  Here nothing is in between.  So a race is fairer to the quickest, and
-tells less of a program that poses QPs as well; it has no isolation, and is for packages we trust.
+tells less of a program that poses QPs as well; packages share a process, and are trusted.
 
 1. The QPs are those that end a step, in order, with columns, without fixed ones and with a
    reference; the first `MOST` of a recording.  Accuracy asked: 1e-9 of the scale (`high`).
@@ -25,15 +25,19 @@ tells less of a program that poses QPs as well; it has no isolation, and is for 
 
    A package's own clock that reads more than ours is not believed, on any QP of the sequence.
 
-5. Every answer of every round is judged (`harness.judging.judge`), after the race; who raises has
-   none, and begins anew at the next QP.
+5. Every answer of every round is judged (`harness.judging.judge`), after the race.  Who raises has
+   none, and begins anew at the next QP; who crashes in a first lap, which is taken in a fork, or
+   does not come back from it, has none at all.
 """
 
 from __future__ import annotations
 
 import gc
+import os
 import time
+import warnings
 from collections.abc import Sequence
+from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
@@ -56,8 +60,9 @@ from solvers.adapters.quietly import quietly
 
 MOST = 300
 """QPs of a sequence."""
-SLOW = 3.0
-"""[s] A round that takes longer is a contestant's last one."""
+SLOW, LONGEST = 3.0, 30.0
+"""[s] A round that takes longer is a contestant's last one; of a lap that takes longer there is no
+answer."""
 LAPS = 2
 """Of a round, the last of which is timed."""
 CLOCKS = ("inside", "arrays", "whole")
@@ -139,6 +144,10 @@ def raced(
     answers: dict[str, list[list[Vector | None]]] = {name: [] for name in racing}
     over: set[str] = set()
     with one_thread(), quietly(), without_litter():
+        for name in racing:
+            if not _comes_back(name, qps, arm == "warm"):
+                over.add(name)
+                answers[name] = [[None] * len(qps)] * LAPS
         for number in range(rounds):
             for name in racing[:: -1 if number % 2 else 1]:
                 if name in over:
@@ -164,6 +173,21 @@ def _can_take(name: str, qps: Sequence[ContactQP]) -> bool:
     if name == ONE_CALL:
         return max(qp.k for qp in qps) <= SMALL_CALLS
     return name in OURS or takes(HANDS[name], qps)
+
+
+def _comes_back(name: str, qps: Sequence[ContactQP], warm: bool) -> bool:
+    """Whether a package ends a lap of its own accord, tried in a fork: some loop for ever."""
+    if name not in HANDS or not hasattr(os, "fork"):
+        return True
+    trial = get_context("fork").Process(target=_lap, args=(name, qps, warm))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of a fork where there are threads
+        trial.start()
+    trial.join(LONGEST)
+    if trial.exitcode is None:
+        trial.kill()
+        trial.join()
+    return trial.exitcode == 0
 
 
 Lap = tuple[Vector, list[Vector | None]]

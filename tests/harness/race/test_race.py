@@ -5,6 +5,8 @@ No time is asserted; where times matter they are made up.
 
 from __future__ import annotations
 
+import os
+import signal
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -199,6 +201,31 @@ def test_who_raises_loses_that_qp_and_begins_anew(
     assert his[list(CLOCKS)].isna().all(axis=None)
     cold = pd.DataFrame(raced(tower, "cold", ["raises"], 1))
     assert (cold["verified"] == 1.0).all()
+
+
+class _Loops(_Wrong):
+    def answer(self, arrays: ContactQP) -> np.ndarray:
+        while True:
+            pass
+
+
+class _Dies(_Wrong):
+    def answer(self, arrays: ContactQP) -> np.ndarray:
+        os.kill(os.getpid(), signal.SIGKILL)
+        raise AssertionError
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
+def test_who_loops_for_ever_or_dies_costs_nobody_else(
+    tower: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(race, "LONGEST", 2.0)
+    monkeypatch.setitem(HANDS, "loops", _Loops)
+    monkeypatch.setitem(HANDS, "dies", _Dies)
+    found = pd.DataFrame(raced(tower, "warm", ["glambda", "loops", "dies"], 2))
+    verified = found.groupby("solver")["verified"].first()
+    assert verified.to_dict() == {"glambda": 1.0, "loops": 0.0, "dies": 0.0}
+    assert (found.loc[found["solver"] != "glambda", "error"] == np.inf).all()
 
 
 def made_up(solver: str, inside: float, whole: Sequence[float]) -> pd.DataFrame:
