@@ -32,7 +32,7 @@ from rich.progress import track
 
 from harness.judging.facts import facts_of
 from harness.machine.threads import one_thread
-from harness.race.by_hand import HANDS, Called, Hand, posed_for_hands, takes
+from harness.race.by_hand import HANDS, Called, Hand, posed_for_hands, takes, timed
 from problems import ContactQP, simulate
 from problems.scenes.calm import calm_scene
 from problems.scenes.labels import parse_label
@@ -119,7 +119,8 @@ class Sides:
             self.last = self.solver.solve(qp, self.last)
             timing = self.last.timing
             return timing.build, timing.setup + timing.solve, self.last.x
-        return _by_hand(self.by_hand.ready_for(qp), qp)
+        found = timed(self.by_hand.ready_for(qp), qp)
+        return found if found[2] is not None else (np.nan, np.nan, None)
 
 
 def compare(package: str, label: str, posed: Sequence[Posed], rounds: int) -> Line | None:
@@ -147,17 +148,6 @@ def compare(package: str, label: str, posed: Sequence[Posed], rounds: int) -> Li
     own, hand = np.median(np.nanmin(times[: turn + 1], axis=0), axis=0)
     k, wrapper = posed[0].qp.k, max(own[2] - hand[2], 0.0)
     return Line(label, k, package, *own[:2], *hand[:2], wrapper, error)
-
-
-def _by_hand(hand: Hand, qp: ContactQP) -> tuple[float, float, Any]:
-    clock = time.perf_counter
-    t0 = clock()
-    arrays = hand.arrays(qp)
-    t1 = clock()
-    x = hand.answer(arrays)
-    t2 = clock()
-    hand.after()
-    return (np.nan, np.nan, None) if x is None else (t1 - t0, t2 - t1, x)
 
 
 def _error(qp: ContactQP, x: Any, Ax: Any, scale: float) -> float:

@@ -14,6 +14,7 @@ measure of adapters in `benchmarks/floors.py`, and of our methods in `harness.ra
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -23,6 +24,7 @@ import scipy.sparse as sp
 from problems import ContactQP
 
 INF = np.inf
+CLOCK = time.perf_counter
 
 
 class Hand:
@@ -435,6 +437,17 @@ def takes(kind: type[Hand], qps: Sequence[ContactQP]) -> bool:
     """Whether a package is called with these QPs."""
     one_sided = all(not qp.lower.any() and bool((qp.upper == INF).all()) for qp in qps)
     return max(qp.k for qp in qps) <= kind.most and (one_sided or not kind.one_sided)
+
+
+def timed(hand: Hand, qp: ContactQP) -> tuple[float, float, Any]:
+    """Seconds of making the arrays and of the answer, and x."""
+    t0 = CLOCK()
+    arrays = hand.arrays(qp)
+    t1 = CLOCK()
+    x = hand.answer(arrays)
+    t2 = CLOCK()
+    hand.after()
+    return t1 - t0, t2 - t1, x
 
 
 class Called:

@@ -49,7 +49,7 @@ from harness.machine.threads import one_thread
 from harness.names import METHOD, PAPER
 from harness.passes.measure import without_litter
 from harness.processes.introduction import available
-from harness.race.by_hand import HANDS, Called, Hand, posed_for_hands, takes
+from harness.race.by_hand import HANDS, Called, Hand, posed_for_hands, takes, timed
 from harness.recordings.recording import Recording, Reference
 from harness.results.claim import Claim
 from problems.qp import ContactQP, Solution, Vector
@@ -95,26 +95,29 @@ def race_claim(recordings: Sequence[Recording], names: Sequence[str], rounds: in
 
     Raises ValueError for a recording that holds nothing to race over.
     """
+    known: dict[str, list[Entry]] = {}
+    units = []
     for recording in recordings:
-        if not entered(recording):
+        known[recording.digest] = entries = entered(recording)
+        if not entries:
             raise ValueError(
                 f"{recording.scene}: no QP that ends a step has columns, none of them fixed, and a "
                 "reference; take another recording"
             )
-    known = {recording.digest: recording for recording in recordings}
+        here = {"scene": recording.scene, "digest": recording.digest}
+        units += [{**here, "arm": arm, "rounds": rounds} for arm in ARMS]
 
     def rows(scene: str, digest: str, arm: str, **_: Any) -> list[dict[str, Any]]:
         return raced(known[digest], arm, names, rounds)
 
-    units = [
-        {"scene": recording.scene, "digest": digest, "arm": arm, "rounds": rounds}
-        for digest, recording in known.items()
-        for arm in ARMS
-    ]
-    return Claim("race", rows, units, [name for name in names if name != ONE_CALL])
+    solvers = dict.fromkeys(METHOD if name == ONE_CALL else name for name in names)
+    return Claim("race", rows, units, list(solvers))
 
 
-def entered(recording: Recording) -> list[tuple[ContactQP, Reference]]:
+Entry = tuple[ContactQP, Reference]
+
+
+def entered(recording: Recording) -> list[Entry]:
     """The QPs of a recording that are raced over, posed to 1e-9 of the scale."""
     found = []
     for qp, reference in zip(recording.qps, recording.references, strict=True):
@@ -126,19 +129,18 @@ def entered(recording: Recording) -> list[tuple[ContactQP, Reference]]:
 
 
 def raced(
-    recording: Recording, arm: str, names: Sequence[str], rounds: int
+    entries: Sequence[Entry], arm: str, names: Sequence[str], rounds: int
 ) -> list[dict[str, Any]]:
     """Rows of the contestants that take these QPs; none where there are none.
 
     solver;  qps, m, k : number of QPs, and the largest;  round : 0, 1, …
     inside, arrays, whole : [s] medians over the QPs of a round; NaN without a clock
     verified : share of the QPs of which every answer is verified
-    error : the largest ‖A(x − x*)‖ over the scale; inf where there is no x
+    error : the largest e of the judge over the scale; inf where there is no x, or none of numbers
     """
-    pairs = entered(recording)
-    if not pairs:
+    if not entries:
         return []
-    qps = [qp for qp, _ in pairs]
+    qps = [qp for qp, _ in entries]
     racing = [name for name in names if _can_take(name, qps)]
     times = {name: np.full((rounds, len(qps), len(CLOCKS)), np.nan) for name in racing}
     answers: dict[str, list[list[Vector | None]]] = {name: [] for name in racing}
@@ -162,7 +164,7 @@ def raced(
     size = {"qps": len(qps), "m": max(qp.m for qp in qps), "k": max(qp.k for qp in qps)}
     rows: list[dict[str, Any]] = []
     for name in racing:
-        common = {"solver": name, **size, **_judged(pairs, answers[name])}
+        common = {"solver": name, **size, **_judged(entries, answers[name])}
         taken = times[name][: len(answers[name]) // LAPS]
         for number, medians in enumerate(_medians(taken)):
             rows.append(common | {"round": number} | dict(zip(CLOCKS, medians, strict=True)))
@@ -183,8 +185,9 @@ def _comes_back(name: str, qps: Sequence[ContactQP], warm: bool) -> bool:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of a fork where there are threads
         trial.start()
-    trial.join(LONGEST)
-    if trial.exitcode is None:
+    try:
+        trial.join(LONGEST)
+    finally:  # Ctrl-C does not reach who loops in compiled code
         trial.kill()
         trial.join()
     return trial.exitcode == 0
@@ -229,13 +232,8 @@ def _by_hand(kind: type[Hand], qps: Sequence[ContactQP], warm: bool) -> Lap:
     for qp in qps:
         hand = called.ready_for(qp)
         try:
-            t0 = CLOCK()
-            arrays = hand.arrays(qp)
-            t1 = CLOCK()
-            x = hand.answer(arrays)
-            t2 = CLOCK()
-            hand.after()
-            times.append((hand.inside(), t2 - t1, t2 - t0))
+            build, solve, x = timed(hand, qp)
+            times.append((hand.inside(), solve, build + solve))
             answers.append(None if x is None else np.array(x, dtype=np.float64))
         except Exception:  # whatever a package raises: it has no answer, and begins anew
             called.forget()
@@ -252,11 +250,11 @@ def _medians(times: Vector) -> Vector:
 
 
 def _judged(
-    pairs: Sequence[tuple[ContactQP, Reference]], answers: Sequence[Sequence[Vector | None]]
+    entries: Sequence[Entry], answers: Sequence[Sequence[Vector | None]]
 ) -> dict[str, float]:
     """Share verified, and the largest error; the same answer is judged once."""
     verified, worst = 0, 0.0
-    for (qp, reference), given in zip(pairs, zip(*answers, strict=True), strict=True):
+    for (qp, reference), given in zip(entries, zip(*answers, strict=True), strict=True):
         facts = facts_of(qp)
         different = {None if x is None else x.tobytes(): x for x in given}
         verdicts = [
@@ -264,10 +262,8 @@ def _judged(
             for x in different.values()
         ]
         verified += all(each.verdict == "verified" for each in verdicts)
-        errors = [float("inf") if x is None else each.glambda_error
-                  for x, each in zip(different.values(), verdicts, strict=True)]  # fmt: skip
-        worst = max(worst, *errors)
-    return {"verified": verified / len(pairs), "error": worst}
+        worst = max(worst, *(each.error / facts.scale for each in verdicts))
+    return {"verified": verified / len(entries), "error": worst}
 
 
 def ratios(rows: pd.DataFrame) -> pd.DataFrame:

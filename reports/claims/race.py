@@ -221,16 +221,6 @@ def _page(rows: pd.DataFrame, tables: Sequence[Table]) -> str:
         *(f"- {said}\n" for said in _lost(tables[0].data)),
         "![Time per QP by three clocks](race.png)\n",
         f"*Started {rows['arm'].iloc[0]}; verified on every QP.*\n",
-        *map(_shown, tables),
+        *(table.to_markdown(longest=len(table.data)) for table in tables),
     ]
     return "\n".join(parts)
-
-
-def _shown(table: Table) -> str:
-    """A table with all its rows, however many."""
-    if table.data.empty:
-        return f"## {table.heading}\n\n*Nobody was compared with {METHOD}.*\n"
-    parts = [f"## {table.heading}", f"*How to read:* {table.reading}", table.rows_in_markdown()]
-    if table.notes:
-        parts.append("\n".join(f"- {note}" for note in table.notes))
-    return "\n\n".join(parts) + "\n"

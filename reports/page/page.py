@@ -485,6 +485,11 @@ def unflattering(results: Results, raced: Sequence[str] = ()) -> list[str] | Non
     """
     if METHOD not in results.solvers:
         return None
+    return [*raced, *_in_the_study(results)]
+
+
+def _in_the_study(results: Results) -> list[str]:
+    """The same of its solves alone."""
     said: list[str] = []
     against_others = alone = 0
     for setting in results.settings:
@@ -497,14 +502,13 @@ def unflattering(results: Results, raced: Sequence[str] = ()) -> list[str] | Non
                 alone += 1
         said += slow_starts(results, setting)
     if said:
-        return [*raced, *said]
+        return said
     if not against_others:
-        return [*raced, f"{METHOD} was compared with nobody else."]
+        return [f"{METHOD} was compared with nobody else."]
     said = [
-        *raced,
         "Nowhere in this study: in each comparison of a scene, an arm and a setting in which it "
         f"stood against others ({against_others}) {METHOD} was verified on every QP and had the "
-        "least median time.",
+        "least median time."
     ]
     if alone:
         said.append(f"In {alone} more it, or everybody else, was missing.")

@@ -59,10 +59,10 @@ class Table:
         """Whether a column holds numbers, and is set flush right."""
         return bool(pd.api.types.is_numeric_dtype(self.data[column])) or column in self.formats
 
-    def to_markdown(self) -> str:
-        """Heading, how to read it, the table or where it is, and its notes."""
+    def to_markdown(self, longest: int = LONGEST) -> str:
+        """Heading, how to read it, the table or where it is if it is longer, and its notes."""
         parts = [f"## {self.heading}", f"*How to read:* {self.reading}"]
-        if len(self.data) > LONGEST:
+        if len(self.data) > longest:
             parts.append(f"{len(self.data):,} rows are in [{self.name}.csv]({self.name}.csv).")
         elif len(self.data):
             parts.append(self.rows_in_markdown())

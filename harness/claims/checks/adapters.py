@@ -9,7 +9,7 @@ import numpy as np
 from harness.claims.checking import check
 from harness.claims.checks.motions import qps_of, run_of
 from harness.machine.threads import one_thread
-from problems import ContactQP
+from harness.race.by_hand import HANDS, Called, timed
 from solvers import make_solver
 
 ROUNDS, LONGEST = 60, 12
@@ -23,7 +23,8 @@ def over_hand(label: str, bodies: int, slower: float = 1.0) -> float:
     slower : factor by which the adapter's part is stretched, by waiting
     """
     qps = qps_of(run_of(label, 0.3, bodies=bodies), "step")[:LONGEST]
-    solver, times = make_solver("quadprog"), np.full((2, ROUNDS, len(qps)), np.inf)
+    solver, by_hand = make_solver("quadprog"), Called(HANDS["quadprog"])
+    times = np.full((2, ROUNDS, len(qps)), np.inf)
     with one_thread():
         for turn in range(ROUNDS):
             for i, qp in enumerate(qps):
@@ -33,17 +34,6 @@ def over_hand(label: str, bodies: int, slower: float = 1.0) -> float:
                 while time.perf_counter() - began < (slower - 1.0) * spent:
                     pass
                 waited = time.perf_counter() - began if slower > 1.0 else 0.0
-                times[:, turn, i] = spent + waited, _by_hand(qp)
+                times[:, turn, i] = spent + waited, timed(by_hand.ready_for(qp), qp)[1]
     own, hand = np.median(times.min(axis=1), axis=1)
     return float(own / hand)
-
-
-def _by_hand(qp: ContactQP) -> float:
-    """Seconds of the shortest call, arrays ready."""
-    import quadprog
-
-    A = qp.dense_A
-    P, a, C, b = A.T @ A, -(A.T @ qp.d), np.identity(qp.k), np.zeros(qp.k)
-    began = time.perf_counter()
-    quadprog.solve_qp(P, a, C, b)
-    return time.perf_counter() - began

@@ -52,7 +52,7 @@ def rubbing() -> Recording:
 
 @pytest.fixture(scope="module")
 def rows(tower: Recording) -> pd.DataFrame:
-    found = raced(tower, "warm", ["glambda", ONE_CALL, "quadprog"], rounds=3)
+    found = raced(entered(tower), "warm", ["glambda", ONE_CALL, "quadprog"], rounds=3)
     return pd.DataFrame(found).assign(scene="tower", arm="warm")
 
 
@@ -114,7 +114,7 @@ def test_qps_with_fixed_rows_or_without_a_reference_do_not_enter(tower: Recordin
     assert not posed_for_hands(replace(qp, lower=np.zeros(qp.k), upper=np.zeros(qp.k)))
     unknown = replace(tower, references=[None] * len(tower.qps))
     assert entered(unknown) == []
-    assert raced(unknown, "warm", ["glambda"], 1) == []
+    assert raced(entered(unknown), "warm", ["glambda"], 1) == []
     with pytest.raises(ValueError, match=r"tower.*no QP"):
         race_claim([unknown], ["glambda"], 1)
 
@@ -179,7 +179,7 @@ def test_wrong_answers_and_impossible_clocks_do_not_count(
     monkeypatch.setitem(HANDS, "wrong", _Wrong)
     monkeypatch.setitem(HANDS, "without", _Without)
     names = ["glambda", "wrong", "without"]
-    found = pd.DataFrame(raced(tower, "warm", names, 1)).assign(scene="tower", arm="warm")
+    found = pd.DataFrame(raced(entered(tower), "warm", names, 1)).assign(scene="tower", arm="warm")
     bad = found[found["solver"] != "glambda"]
     assert (bad["verified"] == 0.0).all()
     assert list(bad["error"]) == [pytest.approx(1.0), np.inf]
@@ -193,13 +193,13 @@ def test_who_raises_loses_that_qp_and_begins_anew(
     tower: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(HANDS, "raises", _Raises)
-    found = pd.DataFrame(raced(tower, "warm", ["glambda", "raises"], 2))
+    found = pd.DataFrame(raced(entered(tower), "warm", ["glambda", "raises"], 2))
     his = found[found["solver"] == "raises"]
     count = his["qps"].iloc[0]
     assert list(his["round"]) == [0, 1]
     assert (his["verified"] == -(-count // 2) / count).all()  # every other QP
     assert his[list(CLOCKS)].isna().all(axis=None)
-    cold = pd.DataFrame(raced(tower, "cold", ["raises"], 1))
+    cold = pd.DataFrame(raced(entered(tower), "cold", ["raises"], 1))
     assert (cold["verified"] == 1.0).all()
 
 
@@ -222,7 +222,7 @@ def test_who_loops_for_ever_or_dies_costs_nobody_else(
     monkeypatch.setattr(race, "LONGEST", 2.0)
     monkeypatch.setitem(HANDS, "loops", _Loops)
     monkeypatch.setitem(HANDS, "dies", _Dies)
-    found = pd.DataFrame(raced(tower, "warm", ["glambda", "loops", "dies"], 2))
+    found = pd.DataFrame(raced(entered(tower), "warm", ["glambda", "loops", "dies"], 2))
     verified = found.groupby("solver")["verified"].first()
     assert verified.to_dict() == {"glambda": 1.0, "loops": 0.0, "dies": 0.0}
     assert (found.loc[found["solver"] != "glambda", "error"] == np.inf).all()
