@@ -73,7 +73,7 @@ def _refuse_large(name: str, array: NDArray[np.float64]) -> None:
 
 
 @lru_cache(maxsize=1024)
-def _usual(name: str, n: int) -> NDArray[Any]:
+def usual(name: str, n: int) -> NDArray[Any]:
     """What stands for a `row_id`, `feature` or `D` that is not given, read-only and shared."""
     array: NDArray[Any]
     if name == "row_id":
@@ -121,7 +121,7 @@ def _frozen(name: str, value: Any, shape: Any, A: Matrix, dtype: Any = REAL) -> 
     return array
 
 
-def _distinct(value: ArrayLike, A: Matrix) -> Any:
+def distinct_ids(value: ArrayLike, A: Matrix) -> Any:
     """`row_id` as a field; ValueError where two are the same."""
     row_id = _frozen("row_id", value, (A.shape[1],), A, WHOLE)
     if not _are_distinct(row_id.tobytes()):
@@ -229,9 +229,9 @@ class ContactQP(Short):
             d=_frozen("d", d, (m,), own),
             lower=_frozen("lower", lower, (k,), own),
             upper=_frozen("upper", upper, (k,), own),
-            row_id=_usual("row_id", k) if row_id is None else _distinct(row_id, own),
-            feature=_usual("feature", k) if feature is None else _features(feature, own),
-            D=_usual("D", m) if D is None else _masses(D, own),
+            row_id=usual("row_id", k) if row_id is None else distinct_ids(row_id, own),
+            feature=usual("feature", k) if feature is None else _features(feature, own),
+            D=usual("D", m) if D is None else _masses(D, own),
             generators=None if generators is None else _generators(generators, own),
             kind=kind,
             accepted=accepted,

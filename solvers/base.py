@@ -21,7 +21,8 @@ from math import nan
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+import scipy.sparse as sp
+from numpy.typing import ArrayLike, NDArray
 
 from problems.qp import (
     AT_LOWER,
@@ -178,6 +179,27 @@ class Solver(abc.ABC):
         be changed in place, and serves one successor as ever.  None: nothing of it can be used.
         """
         return None
+
+    def solve_arrays(
+        self,
+        A: ArrayLike | sp.sparray,
+        d: ArrayLike,
+        lower: ArrayLike,
+        upper: ArrayLike,
+        *,
+        row_id: ArrayLike | None = None,
+        start: Solution | None = None,
+        t: float = 0.0,
+        eps0: float = 1e-9,
+    ) -> Solution:
+        """Solve min ½‖A x + d‖², lower ≤ x ≤ upper, warm from `start` or cold, by one call.
+
+        A (m, k) dense or sparse, d (m,), lower and upper (k,), row_id (k,), t, eps0 : as of
+            `ContactQP`; arrays are not kept
+
+        Raises ValueError for what a `ContactQP` refuses, and `Unsupported` as `solve` does.
+        """
+        return self.solve(ContactQP(A, d, lower, upper, row_id, t=t, eps0=eps0), start)
 
     def solve(self, qp: ContactQP, start: Solution | None = None) -> Solution:
         """Solve `qp`, warm from `start` (an earlier Solution of this solver) or cold.

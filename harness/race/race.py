@@ -8,8 +8,9 @@ tells less of a program that poses QPs as well; packages share a process, and ar
 1. The QPs are those that end a step, in order, with columns, without fixed ones and with a
    reference; the first `MOST` of a recording.  Accuracy asked: 1e-9 of the scale (`high`).
 2. A package is called as a careful user would by hand (`harness.race.by_hand`), without an adapter;
-   ours as everybody calls it, by `ContactQP` and `Solver.solve`; and once more, where QPs are
-   small, all of them in one compiled call (`ONE_CALL`), which stands beside the race.
+   ours by `Solver.solve` from a `ContactQP` that is there, and by `Solver.solve_arrays`.  Beside
+   the race stand our method with a `ContactQP` made for each QP (`POSED`), and, where QPs are
+   small, all of them in one compiled call (`ONE_CALL`).
 3. Rounds: each contestant takes the whole sequence in order, warm from its own last answer, or cold
    and made anew at every QP; and once more, by the clock, so that data and code are where they are
    in a loop.  Then the next one does, in an order that is turned round every time.  The garbage
@@ -20,8 +21,8 @@ tells less of a program that poses QPs as well; packages share a process, and ar
 
        inside    by the package's own clock, of ours the compiled call
        arrays    set-up and solve, from what the package takes to x; of ours the call of `solve`
-       whole     from A, d and bounds to x, what is taken built within; of ours a `ContactQP`,
-                 which copies and checks them
+       whole     from A, d and bounds to x, what is taken built within; of ours the call of
+                 `solve_arrays`, in a lap of its own; it checks them, and keeps none
 
    A package's own clock that reads more than ours is not believed, on any QP of the sequence.
 
@@ -68,8 +69,12 @@ LAPS = 2
 CLOCKS = ("inside", "arrays", "whole")
 ARMS = ("warm", "cold")
 OURS = (METHOD, PAPER)
+POSED = f"{METHOD}, a ContactQP"
+"""Our method from a `ContactQP` that is made within, which copies and checks the arrays."""
 ONE_CALL = f"{METHOD}, one call"
 """Our method by `solve_sequence`: from packed arrays, without Python between QPs."""
+BESIDE = (POSED, ONE_CALL)
+"""What stands beside the race."""
 CLOCK = time.perf_counter
 
 
@@ -80,9 +85,9 @@ def raced_by(names: Sequence[str] = ()) -> list[str]:
     """
     there = available()
     if not names:
-        return [*OURS, ONE_CALL, *(name for name in HANDS if name in there)]
+        return [*OURS, *BESIDE, *(name for name in HANDS if name in there)]
     for name in names:
-        if name not in (*OURS, ONE_CALL, *HANDS):
+        if name not in (*OURS, *BESIDE, *HANDS):
             known = ", ".join((*OURS, *HANDS))
             raise ValueError(f"{name!r} cannot be called by hand; choose from {known}")
         if name in HANDS and name not in there:
@@ -110,7 +115,7 @@ def race_claim(recordings: Sequence[Recording], names: Sequence[str], rounds: in
     def rows(scene: str, digest: str, arm: str, **_: Any) -> list[dict[str, Any]]:
         return raced(known[digest], arm, names, rounds)
 
-    solvers = dict.fromkeys(METHOD if name == ONE_CALL else name for name in names)
+    solvers = dict.fromkeys(METHOD if name in BESIDE else name for name in names)
     return Claim("race", rows, units, list(solvers))
 
 
@@ -174,7 +179,7 @@ def raced(
 def _can_take(name: str, qps: Sequence[ContactQP]) -> bool:
     if name == ONE_CALL:
         return max(qp.k for qp in qps) <= SMALL_CALLS
-    return name in OURS or takes(HANDS[name], qps)
+    return name in (*OURS, POSED) or takes(HANDS[name], qps)
 
 
 def _comes_back(name: str, qps: Sequence[ContactQP], warm: bool) -> bool:
@@ -200,21 +205,47 @@ Lap = tuple[Vector, list[Vector | None]]
 def _lap(name: str, qps: Sequence[ContactQP], warm: bool) -> Lap:
     if name == ONE_CALL:
         return _one_call(qps, warm)
+    if name == POSED:
+        return _posed(qps, warm)
     return _ours(name, qps, warm) if name in OURS else _by_hand(HANDS[name], qps, warm)
 
 
 def _ours(name: str, qps: Sequence[ContactQP], warm: bool) -> Lap:
-    solver, times, answers = make_solver(name), [], []
+    """A lap of the QPs as they are, and one of their arrays; where these differ there is no x."""
+    solver, times = make_solver(name), np.empty((len(qps), 3))
+    answers: list[Vector | None] = []
+    last: Solution | None = None
+    for i, qp in enumerate(qps):
+        t0 = CLOCK()
+        last = solver.solve(qp, last if warm else None)
+        t1 = CLOCK()
+        times[i, :2] = last.timing.inside, t1 - t0
+        answers.append(last.x)
+    last = None
+    for i, (qp, x) in enumerate(zip(qps, answers, strict=True)):
+        A, d, lower, upper, row_id = qp.A, qp.d, qp.lower, qp.upper, qp.row_id
+        start: Solution | None = last if warm else None
+        t, eps0 = qp.t, qp.eps0
+        t0 = CLOCK()
+        last = solver.solve_arrays(A, d, lower, upper, row_id=row_id, start=start, t=t, eps0=eps0)
+        t1 = CLOCK()
+        times[i, 2] = t1 - t0
+        if x is None or last.x is None or x.tobytes() != last.x.tobytes():
+            answers[i] = None
+    return times, answers
+
+
+def _posed(qps: Sequence[ContactQP], warm: bool) -> Lap:
+    solver, times, answers = make_solver(METHOD), [], []
     last: Solution | None = None
     for qp in qps:
-        A, d, lower, upper, row_id = qp.A, qp.d, qp.lower, qp.upper, qp.row_id
-        start = last if warm else None
+        A, d, lower, upper, row_id, kind = qp.A, qp.d, qp.lower, qp.upper, qp.row_id, qp.kind
+        start, t, eps0 = last if warm else None, qp.t, qp.eps0
         t0 = CLOCK()
-        posed = ContactQP(A, d, lower, upper, row_id, kind=qp.kind, t=qp.t, eps0=qp.eps0)
-        t1 = CLOCK()
+        posed = ContactQP(A, d, lower, upper, row_id, kind=kind, t=t, eps0=eps0)
         last = solver.solve(posed, start)
-        t2 = CLOCK()
-        times.append((last.timing.inside, t2 - t1, t2 - t0))
+        t1 = CLOCK()
+        times.append((np.nan, np.nan, t1 - t0))
         answers.append(last.x)
     return np.array(times), answers
 

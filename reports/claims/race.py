@@ -21,7 +21,7 @@ from rich.console import Console
 
 from harness.machine.machine import machine_label
 from harness.names import METHOD
-from harness.race.race import CLOCKS, MOST, ONE_CALL, OURS, ratios
+from harness.race.race import CLOCKS, MOST, ONE_CALL, OURS, POSED, ratios
 from reports.parts.sentences import join
 from reports.parts.style import (
     BLUE,
@@ -57,8 +57,8 @@ READ_AS = {
     "inside": "by the package's own clock, of ours the compiled call; a dash: it has none",
     "arrays": "set-up and solve, from what the package takes to x, such as AᵀA and Aᵀd; ours takes "
     "a ContactQP",
-    "whole": "from A, d and bounds to x, what the package takes built within; of ours a ContactQP, "
-    "which copies and checks them, and which a simulation has already",
+    "whole": "from A, d and bounds to x, what the package takes built within; of ours "
+    f"`solve_arrays`, which checks them; `{POSED}` copies them too",
 }
 MANY = 12
 """Places that are named where more have lost."""
@@ -187,7 +187,7 @@ def _panel(axes: Axes, part: pd.DataFrame) -> None:
         )  # fmt: skip
     axes.set_yticks(places, order["solver"].tolist(), color=INK)
     for text, name in zip(axes.get_yticklabels(), order["solver"], strict=True):
-        text.set_fontweight("bold" if name in OURS or name == ONE_CALL else "normal")
+        text.set_fontweight("bold" if name.startswith(OURS) else "normal")
     axes.set_xlabel(f"µs per QP, k ≤ {most}")
 
 
@@ -212,8 +212,9 @@ def _page(rows: pd.DataFrame, tables: Sequence[Table]) -> str:
         "user would call them by hand, without our adapters; then the next one does, in turns, "
         f"{rows['round'].max() + 1} rounds. In the replay of a study, and in a simulation, other "
         "things go on between two calls; here nothing does, and the quickest are at their best. "
-        f"One thread of {machine_label()}. `{ONE_CALL}` is a whole sequence in one "
-        "compiled call, from packed arrays, and stands beside the race."
+        f"One thread of {machine_label()}. `{POSED}` is made for each QP, as a simulation that "
+        f"keeps its QPs makes them, and `{ONE_CALL}` is a whole sequence in one compiled call, "
+        "from packed arrays; both stand beside the race."
     )
     parts = [
         "# A race: one QP right after the other\n",

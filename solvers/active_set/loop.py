@@ -11,7 +11,7 @@ from __future__ import annotations
 from math import inf, nan, sqrt
 
 from problems.kernels.numba_internals import lent
-from problems.qp import AT_LOWER, AT_UPPER, FREE, PASSIVE
+from problems.qp import AT_LOWER, AT_UPPER, FREE, LARGEST, PASSIVE
 from problems.qp_kernel import WARM
 from solvers.active_set.compiled import function, kernel, stage
 from solvers.active_set.conjugate_gradients import conjugate_gradients
@@ -77,6 +77,7 @@ from solvers.active_set.workspace import (
     PASSES,
     PREVIOUS,
     REALS,
+    REFUSED,
     REMAINDER,
     RESIDUAL,
     SOLVED,
@@ -97,12 +98,12 @@ from solvers.active_set.workspace import (
 )
 
 OWN_SET, TODAYS_QR, NO_R, CUSTOM, ONLINE, GRAM = 2, 4, 8, 16, 32, 64
-SCRATCH, EXTRAPOLATED, DEFERRED = 128, 256, 1024
+SCRATCH, EXTRAPOLATED, DEFERRED, UNCHECKED = 128, 256, 1024, 2048
 """Bits of `mode` beside `WARM`, there is a previous solution: F is chosen anew; factorize today's
 A_F; conjugate gradients without R; the options in rows REALS and COUNTS replace the paper's;
 factorize by the online rule and not by the paper's; try normal equations first; never
 update a factorization; begin with x extrapolated from two QPs; by the paper's rule the QP is
-finished first, and the next one factorized."""
+finished first, and the next one factorized; nobody has looked at the arrays yet."""
 ENTERED, BOUNCED, DISMISSED, NOW_IN_F = 1, 2, 4, 8
 """Bits of row MARK: entered F since A x last moved; thrown back since; not worth freeing; in F,
 while step 8 looks for who enters."""
@@ -685,6 +686,20 @@ def remember_R(S, I, m, f, fresh, age, mode):
         keep_account(I[COUNTS], S[REALS], factorized, given_up, cost, I[COUNTS, DIRECTIONS])
 
 
+@stage
+def are_sound(A, d, lower, upper):
+    """Whether entries are finite, as of `problems.qp`, and lower < upper throughout."""
+    m, k = A.shape
+    size, apart = 0.0, 0
+    for i in range(m):
+        for j in range(k):
+            size += A[i, j] * A[i, j]
+        size += d[i] * d[i]
+    for j in range(k):
+        apart += lower[j] < upper[j]
+    return size <= LARGEST and apart == k
+
+
 @kernel
 def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
     """Solve one QP with the step numbers of `method`; S and I are modified, nothing else is.
@@ -698,6 +713,9 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
     """
     A, d, lower, upper, row_id = lent(A), lent(d), lent(lower), lent(upper), lent(row_id)
     S, I = lent(S), lent(I)
+    if mode & UNCHECKED and not are_sound(A, d, lower, upper):
+        I[COUNTS, STATUS] = REFUSED
+        return
     m, k = A.shape
     gram, mp = (mode & GRAM) != 0, (m + LANES - 1) // LANES * LANES
     known = NOTHING

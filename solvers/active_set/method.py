@@ -48,6 +48,7 @@ from __future__ import annotations
 import abc
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from math import inf
 from time import perf_counter
 from typing import Any, ClassVar, NamedTuple
 
@@ -55,11 +56,20 @@ import numpy as np
 import scipy.sparse as sp
 
 from problems.kernels.compiled import Direct
-from problems.qp import ContactQP, Matrix, Solution, Status, WorkCounts
+from problems.qp import (
+    REAL,
+    ContactQP,
+    Matrix,
+    Solution,
+    Status,
+    WorkCounts,
+    distinct_ids,
+    usual,
+)
 from problems.qp_kernel import WARM
 from solvers.active_set.compiled import entry
-from solvers.active_set.loop import CUSTOM, EXTRAPOLATED, algorithm_2, solve
-from solvers.active_set.room_answer import answered, staged
+from solvers.active_set.loop import CUSTOM, EXTRAPOLATED, UNCHECKED, algorithm_2, solve
+from solvers.active_set.room_answer import Clock, answered, staged
 from solvers.active_set.sparse.loop import TODAYS_A, sparse_algorithm_2
 from solvers.active_set.sparse.pattern import is_narrow, make_pattern
 from solvers.active_set.sparse.workspace import SparseWorkspace, make_sparse_workspace
@@ -81,6 +91,7 @@ from solvers.active_set.workspace import (
     ORDER,
     PASSES,
     REALS,
+    REFUSED,
     SOLVED,
     STATUS,
     TIME,
@@ -179,14 +190,35 @@ class Modes(NamedTuple):
     cold: int
     thin: int
 
+    def few(self, k: int, warm: bool) -> bool:
+        """Whether columns are few, whatever A is."""
+        return k <= (self.crossover if warm else self.cold)
+
     def narrow(self, qp: ContactQP, warm: bool) -> bool:
         """Whether columns are few."""
         k = qp.lower.size
-        return k <= (self.crossover if warm else self.cold) or (k <= self.thin and is_thin(qp.A))
+        return self.few(k, warm) or (k <= self.thin and is_thin(qp.A))
 
     def dense_is_better(self, qp: ContactQP, warm: bool) -> bool:
         """Whether A is a dense array, or a sparse one that is solved as one."""
         return is_small_or_full(qp.A) or (qp.k <= qp.m and self.narrow(qp, warm))
+
+
+PLAIN = 0x101
+"""Bits of `ndarray.flags.num`: in C order, and aligned."""
+
+
+def are_plain(A: Any, d: Any, lower: Any, upper: Any) -> bool:
+    """Whether these are arrays that compiled code may be handed, of sizes that agree."""
+    array = np.ndarray
+    return (
+        (A.__class__ is d.__class__ is lower.__class__ is upper.__class__ is array)
+        and (A.dtype is d.dtype is lower.dtype is upper.dtype is REAL)
+        and A.flags.num & d.flags.num & lower.flags.num & upper.flags.num & PLAIN == PLAIN
+        and A.ndim == 2
+        and d.shape == A.shape[:1]
+        and lower.shape == upper.shape == A.shape[1:]
+    )
 
 
 Call = tuple[tuple[Any, ...], Workspace | SparseWorkspace]
@@ -329,7 +361,53 @@ class ActiveSet(Solver):
         clock = began, ready, perf_counter()
         if room.I.item(STATUS) == SOLVED:  # of row COUNTS, which is the first
             return answered(room, qp.row_id, clock)
-        answer = self.read(qp, (arguments, room), None)
+        return self._read_out(qp, (arguments, room), clock)
+
+    def solve_arrays(
+        self,
+        A: Any,
+        d: Any,
+        lower: Any,
+        upper: Any,
+        *,
+        row_id: Any = None,
+        start: Solution | None = None,
+        t: float = 0.0,
+        eps0: float = 1e-9,
+    ) -> Solution:
+        """As every solver's; float64 arrays in C order are not copied, and the kernel checks them.
+
+        What it does not like, fixed rows among it, a `ContactQP` takes or refuses.
+        """
+        plain = are_plain(A, d, lower, upper) and 0.0 < eps0 < inf and -inf < t < inf
+        if not plain or self._modes.small & HANDED_OVER:
+            return self.solve(ContactQP(A, d, lower, upper, row_id, t=t, eps0=eps0), start)
+        began = perf_counter()
+        m, k = A.shape
+        rows = usual("row_id", k) if row_id is None else distinct_ids(row_id, A)
+        room = None if start is None else room_after(start, m, k)
+        modes = self._modes
+        mode = UNCHECKED | (modes.small if modes.few(k, room is not None) else modes.dense)
+        if room is None:
+            room = make_workspace(m, k)
+        else:
+            mode |= WARM
+        asked = eps0 if self._eps0 is None else self._eps0
+        arguments = A, d, lower, upper, rows, room.S, room.I, asked, mode
+        ready = perf_counter()
+        run_dense(*arguments)
+        clock = began, ready, perf_counter()
+        status = room.I.item(STATUS)
+        if status == SOLVED:
+            return answered(room, rows, clock)
+        qp = ContactQP(A, d, lower, upper, row_id, t=t, eps0=eps0)
+        if status == REFUSED:
+            return self.solve(qp, start)
+        return self._read_out(qp, (arguments, room), clock)
+
+    def _read_out(self, qp: ContactQP, call: Call, clock: Clock) -> Solution:
+        """The answer that a call has left in its room, all of it."""
+        answer, room = self.read(qp, call, None), call[1]
         assert answer.working_set is not None
         return Solution(
             *(answer.x, qp.row_id, answer.status, answer.working_set, answer.iterations),

@@ -45,12 +45,12 @@ DIRECTIONS, CHANGES, FACTORIZATIONS, UPDATES, CG_ITERATIONS, FLOPS = range(5, 11
 INTERVAL, PASSES = 11, 12
 # … and what the online rule remembers
 DUE, CAP, CYCLES = 13, 14, 15
-SOLVED, INACCURATE, OUT_OF_PASSES = 0, 1, 2
+SOLVED, INACCURATE, OUT_OF_PASSES, REFUSED = range(4)
 """What row COUNTS holds at STATUS."""
 
 
 ONCE = 2
-"""What `getrefcount` says of a member of a tuple, or of an attribute, that nobody else holds."""
+"""What `getrefcount` says of a variable, or of an attribute, that nobody else holds."""
 
 
 @dataclass(eq=False)
@@ -66,14 +66,9 @@ class Workspace:
     def __post_init__(self) -> None:
         self.x = self.S[X]
 
-    def lent_out(self) -> bool:
-        """Whether anybody else holds S, I, a row of them or x."""
-        kept = getrefcount(self.x) == getrefcount(self.I) == ONCE
-        return not kept or getrefcount(self.S) != ONCE + 1  # x is a row of it
 
-
-_MADE: list[tuple[Workspace, int]] = []
-"""The last few rooms that were made, each with its n."""
+_MADE: list[Workspace] = []
+"""The last few rooms that were made."""
 MOST_MADE, LARGEST = 2, 1 << 23
 """How many, and of how many bytes: beyond, memory would be kept for little."""
 
@@ -87,16 +82,19 @@ def _room(n: int) -> Workspace:
     30 µs).
     """
     for _ in range(len(_MADE)):
-        made = _MADE.pop(0)  # of two threads, one has it
-        if n <= made[1] <= 2 * n and getrefcount(made[0]) == ONCE and not made[0].lent_out():
-            room = made[0]
-            _MADE.append(made)
+        room = _MADE.pop(0)  # of two threads, one has it
+        free = (
+            n <= room.n <= 2 * n
+            and getrefcount(room) == getrefcount(room.x) == getrefcount(room.I) == ONCE
+            and getrefcount(room.S) == ONCE + 1  # x is a row of it
+        )
+        _MADE.append(room)
+        if free:
             return room
-        _MADE.append(made)
     S, I = np.empty((N_FLOAT_ROWS + 3 * n, n)), np.empty((N_INT_ROWS, n), dtype=np.int64)
     room = Workspace(S, I, n)
     if S.nbytes <= LARGEST:
-        _MADE.append((room, n))
+        _MADE.append(room)
         del _MADE[:-MOST_MADE]
     return room
 
@@ -106,7 +104,7 @@ def make_workspace(m: int, k: int, previous: Workspace | None = None) -> Workspa
 
     The same object where it is large enough already; then its content is used up.
     """
-    n = max(m, k)
+    n = m if m > k else k
     if previous is not None and previous.n >= n:
         return previous
     n = (n + n // 2) // LANES * LANES + LANES  # contacts come in ones and twos

@@ -22,7 +22,7 @@ from harness.judging.judge import judge
 from harness.processes.introduction import available
 from harness.race import race
 from harness.race.by_hand import HANDS, Called, Hand, posed_for_hands, takes
-from harness.race.race import CLOCKS, ONE_CALL, entered, race_claim, raced, raced_by, ratios
+from harness.race.race import CLOCKS, ONE_CALL, POSED, entered, race_claim, raced, raced_by, ratios
 from harness.recordings.recording import Recording, read_recording, write_recording
 from harness.results.claim import measure
 from harness.study.record import recording_of
@@ -52,7 +52,7 @@ def rubbing() -> Recording:
 
 @pytest.fixture(scope="module")
 def rows(tower: Recording) -> pd.DataFrame:
-    found = raced(entered(tower), "warm", ["glambda", ONE_CALL, "quadprog"], rounds=3)
+    found = raced(entered(tower), "warm", ["glambda", POSED, ONE_CALL, "quadprog"], rounds=3)
     return pd.DataFrame(found).assign(scene="tower", arm="warm")
 
 
@@ -128,13 +128,15 @@ def test_no_more_than_so_many_qps_enter(tower: Recording, monkeypatch: pytest.Mo
 
 def test_one_row_per_contestant_and_round(rows: pd.DataFrame) -> None:
     assert rows.groupby("solver", sort=False)["round"].apply(list).to_dict() == {
-        name: [0, 1, 2] for name in ("glambda", ONE_CALL, "quadprog")
+        name: [0, 1, 2] for name in ("glambda", POSED, ONE_CALL, "quadprog")
     }
     assert (rows["verified"] == 1.0).all()
     own = rows[rows["solver"] == "glambda"]
     assert (own["inside"] > 0).all()
     assert (own["inside"] <= own["arrays"]).all()
-    assert (own["arrays"] <= own["whole"]).all()
+    assert (own["whole"] > 0).all()
+    posed = rows[rows["solver"] == POSED]
+    assert posed[["inside", "arrays"]].isna().all(axis=None) and (posed["whole"] > 0).all()
     assert rows.loc[rows["solver"] == "quadprog", "inside"].isna().all()  # it has no clock
     assert rows.loc[rows["solver"] == ONE_CALL, ["inside", "whole"]].isna().all(axis=None)
 
