@@ -8,9 +8,9 @@ tells less of a program that poses QPs as well; packages share a process, and ar
 1. The QPs are those that end a step, in order, with columns, without fixed ones and with a
    reference; the first `MOST` of a recording.  Accuracy asked: 1e-9 of the scale (`high`).
 2. A package is called as a careful user would by hand (`harness.race.by_hand`), without an adapter;
-   ours by `Solver.solve` from a `ContactQP` that is there, and by `Solver.solve_arrays`.  Beside
-   the race stand our method with a `ContactQP` made for each QP (`POSED`), and, where QPs are
-   small, all of them in one compiled call (`ONE_CALL`).
+   ours by `Solver.solve` from a `ContactQP` that has just been made, and by `solve_arrays`.  Beside
+   the race stand our method with that `ContactQP` within (`POSED`), and, where QPs are small, all
+   of them in one compiled call (`ONE_CALL`).
 3. Rounds: each contestant takes the whole sequence in order, warm from its own last answer, or cold
    and made anew at every QP; and once more, by the clock, so that data and code are where they are
    in a loop.  Then the next one does, in an order that is turned round every time.  The garbage
@@ -206,46 +206,40 @@ def _lap(name: str, qps: Sequence[ContactQP], warm: bool) -> Lap:
     if name == ONE_CALL:
         return _one_call(qps, warm)
     if name == POSED:
-        return _posed(qps, warm)
+        times, answers = _posed(METHOD, qps, warm)
+        return times * [np.nan, np.nan, 1.0], answers  # the others are of METHOD
     return _ours(name, qps, warm) if name in OURS else _by_hand(HANDS[name], qps, warm)
 
 
 def _ours(name: str, qps: Sequence[ContactQP], warm: bool) -> Lap:
-    """A lap of the QPs as they are, and one of their arrays; where these differ there is no x."""
-    solver, times = make_solver(name), np.empty((len(qps), 3))
-    answers: list[Vector | None] = []
-    last: Solution | None = None
-    for i, qp in enumerate(qps):
-        t0 = CLOCK()
-        last = solver.solve(qp, last if warm else None)
-        t1 = CLOCK()
-        times[i, :2] = last.timing.inside, t1 - t0
-        answers.append(last.x)
-    last = None
+    """A lap of QPs and one of their arrays, which has the last clock; no x where they differ."""
+    times, answers = _posed(name, qps, warm)
+    solver, last = make_solver(name), None
     for i, (qp, x) in enumerate(zip(qps, answers, strict=True)):
         A, d, lower, upper, row_id = qp.A, qp.d, qp.lower, qp.upper, qp.row_id
         start: Solution | None = last if warm else None
         t, eps0 = qp.t, qp.eps0
         t0 = CLOCK()
         last = solver.solve_arrays(A, d, lower, upper, row_id=row_id, start=start, t=t, eps0=eps0)
-        t1 = CLOCK()
-        times[i, 2] = t1 - t0
+        times[i, CLOCKS.index("whole")] = CLOCK() - t0
         if x is None or last.x is None or x.tobytes() != last.x.tobytes():
             answers[i] = None
     return times, answers
 
 
-def _posed(qps: Sequence[ContactQP], warm: bool) -> Lap:
-    solver, times, answers = make_solver(METHOD), [], []
+def _posed(name: str, qps: Sequence[ContactQP], warm: bool) -> Lap:
+    """A lap with a `ContactQP` made for each QP: it has just been built, as what packages take."""
+    solver, times, answers = make_solver(name), [], []
     last: Solution | None = None
     for qp in qps:
-        A, d, lower, upper, row_id, kind = qp.A, qp.d, qp.lower, qp.upper, qp.row_id, qp.kind
-        start, t, eps0 = last if warm else None, qp.t, qp.eps0
+        A, d, lower, upper, row_id = qp.A, qp.d, qp.lower, qp.upper, qp.row_id
+        start = last if warm else None
         t0 = CLOCK()
-        posed = ContactQP(A, d, lower, upper, row_id, kind=kind, t=t, eps0=eps0)
-        last = solver.solve(posed, start)
+        posed = ContactQP(A, d, lower, upper, row_id, kind=qp.kind, t=qp.t, eps0=qp.eps0)
         t1 = CLOCK()
-        times.append((np.nan, np.nan, t1 - t0))
+        last = solver.solve(posed, start)
+        t2 = CLOCK()
+        times.append((last.timing.inside, t2 - t1, t2 - t0))
         answers.append(last.x)
     return np.array(times), answers
 

@@ -141,6 +141,12 @@ def test_one_row_per_contestant_and_round(rows: pd.DataFrame) -> None:
     assert rows.loc[rows["solver"] == ONE_CALL, ["inside", "whole"]].isna().all(axis=None)
 
 
+def test_clocks_of_a_qp_lie_within_each_other(tower: Recording) -> None:
+    qps = [qp for qp, _ in entered(tower)]
+    inside, arrays, whole = race._posed("glambda", qps, True)[0].T
+    assert (inside > 0).all() and (inside <= arrays).all() and (arrays <= whole).all()
+
+
 class _Wrong(Hand):
     """Answers 0, and says that it took a second."""
 
