@@ -28,7 +28,7 @@ from problems.qp import Indices, Solution, Vector
 
 X = 0
 """Row of S with the answer."""
-N_FLOAT_ROWS, N_INT_ROWS, LANES = 20, 16, 16
+N_FLOAT_ROWS, N_INT_ROWS, LANES = 22, 17, 16
 WARM = 1
 
 _matrix, _vector = (types.Array(types.float64, n, "C", readonly=True) for n in (2, 1))

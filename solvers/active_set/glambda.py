@@ -6,10 +6,11 @@ preconditions conjugate gradients, ended by (3.20).
 
 Not from the paper is what outlives a QP, which goes by size, and when R is given up:
 
-1. Up to `CROSSOVER` columns, cold up to `COLD_CROSSOVER`, up to `THIN_CROSSOVER` where A is thin, F
-   and x only, and no conjugate gradients.  A_F is factorized anew at every QP, by normal equations:
-   on the last F by itself (`settled`), by Newton steps that change many rows at once (`newton`),
-   and by QR where these do not end it.
+1. Up to `CROSSOVER` columns, cold up to `COLD_CROSSOVER`, where A is thin up to `THIN_CROSSOVER`,
+   where it is dense up to `DENSE_CROSSOVER` or `FULL_CROSSOVER`, F and x only, and no conjugate
+   gradients.  A_F is factorized anew at every QP, by normal equations: on the last F by itself
+   (`settled`), by Newton steps that change many rows at once (`newton`), and by QR where these do
+   not end it.
 2. Beyond, where A is dense, R as in the paper, but given up by the online rule (`online_rule`) and
    not by (2 C_QR/C_IT)^½.
 3. Beyond, where A is sparse, a sparse R by Cholesky, given up by the online rule; x of the start is
@@ -31,6 +32,8 @@ from solvers.active_set.loop import CUSTOM, EXTRAPOLATED, GRAM, ONLINE, TODAYS_Q
 from solvers.active_set.method import (
     COLD_CROSSOVER,
     CROSSOVER,
+    DENSE_CROSSOVER,
+    FULL_CROSSOVER,
     THIN_CROSSOVER,
     ActiveSet,
     Modes,
@@ -65,7 +68,8 @@ class Glambda(ActiveSet):
         """By size, see the module's list."""
         mode = ONLINE if self.iteration_limit is None else ONLINE | CUSTOM
         small, sparse = mode | TODAYS_QR | GRAM, mode | EXTRAPOLATED
-        return Modes(small, mode, sparse, CROSSOVER, COLD_CROSSOVER, THIN_CROSSOVER)
+        crossovers = CROSSOVER, COLD_CROSSOVER, THIN_CROSSOVER, DENSE_CROSSOVER, FULL_CROSSOVER
+        return Modes(small, mode, sparse, *crossovers)
 
     def compiled(self, k: int) -> CompiledMethod | None:
         """Algorithm 2 for whole steps and collisions in one call, up to `SMALL_CALLS` columns.

@@ -215,9 +215,9 @@ def start(S, I, k, warm, own_set, w):
 
 
 @kernel
-def take_residual(S, mp, k):
+def take_residual(S, I, mp, k):
     """r = B z + d into row RESIDUAL; returns ‖change of r‖ and the rounding in Δ."""
-    size = residual_and_sizes(S, mp, k, MOMENTUM, FRESH)
+    size = residual_and_sizes(S, I, mp, mp, k, MOMENTUM, FRESH)
     fresh, r, moved = S[FRESH], S[RESIDUAL], 0.0
     for i in range(mp):
         moved += (fresh[i] - r[i]) ** 2
@@ -624,7 +624,7 @@ def descend(S, I, m, mp, k, f, fresh, aim, mode):
         I[COUNTS, FLOPS] += 2 * product_flops(m, f) + triangular_flops(f)
     theta = ratio_test(S, I, f)  # 4.
     reached = take_step(S, I, f, theta)  # 5.
-    moved, rounding = take_residual(S, mp, k)
+    moved, rounding = take_residual(S, I, mp, k)
     I[COUNTS, FLOPS] += product_flops(m, k)
     if moved > rounding:
         unmark(I, k)
@@ -718,9 +718,9 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
         return
     m, k = A.shape
     gram, mp = (mode & GRAM) != 0, (m + LANES - 1) // LANES * LANES
-    known = NOTHING
+    known, head = NOTHING, mp
     if gram and mode & WARM:
-        done, known = solve_settled(A, d, lower, upper, row_id, S, I, ROUNDING)
+        done, known, head = solve_settled(A, d, lower, upper, row_id, S, I, ROUNDING)
         if done:
             return
     warm, fresh = reset(I, mode), (mode & TODAYS_QR) != 0
@@ -728,7 +728,9 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
         map_rows(row_id, I, k)
     redundant = warm and k > m and knows_set(I, m)  # then the last F is seldom far off
     if gram and not mode & CUSTOM and LEAST <= k <= MOST and not redundant:
-        done, reached = solve_by_newton(A, d, lower, upper, row_id, S, I, mp, ROUNDING, warm, known)
+        done, reached = solve_by_newton(
+            A, d, lower, upper, row_id, S, I, mp, ROUNDING, warm, known, head
+        )
         if done:
             return
         warm = warm or reached
@@ -738,7 +740,7 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
         eps0 = default_accuracy(S, k)
     w = extrapolation(S[REALS]) if warm and mode & EXTRAPOLATED else 0.0
     f, age = begin(S, I, m, mp, k, mode, warm, w)  # 1.
-    _, rounding = take_residual(S, mp, k)  # 2.
+    _, rounding = take_residual(S, I, mp, k)  # 2.
     I[COUNTS, FLOPS] += product_flops(m, k)
     passes = 50 + 20 * k
     if mode & CUSTOM and I[COUNTS, PASSES] >= 0:

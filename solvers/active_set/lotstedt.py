@@ -97,7 +97,7 @@ class Lotstedt(ActiveSet):
         mode = BITS[self.variant]
         if self.interval > 0 or self.cg_limit is not None or self.iteration_limit is not None:
             mode |= CUSTOM
-        return Modes(mode | TODAYS_QR, mode, mode, *[AT_EVERY_SIZE] * 3)
+        return Modes(mode | TODAYS_QR, mode, mode, *[AT_EVERY_SIZE] * 5)
 
     def hand_over(self, room: Workspace | SparseWorkspace, t: float) -> None:
         """The options of all, and those about an old R."""

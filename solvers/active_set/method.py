@@ -62,6 +62,7 @@ from problems.qp import (
     Matrix,
     Solution,
     Status,
+    Vector,
     WorkCounts,
     distinct_ids,
     usual,
@@ -69,6 +70,7 @@ from problems.qp import (
 from problems.qp_kernel import WARM
 from solvers.active_set.compiled import entry
 from solvers.active_set.loop import CUSTOM, EXTRAPOLATED, UNCHECKED, algorithm_2, solve
+from solvers.active_set.newton import MOST
 from solvers.active_set.room_answer import Clock, answered, staged
 from solvers.active_set.sparse.loop import TODAYS_A, sparse_algorithm_2
 from solvers.active_set.sparse.pattern import is_narrow, make_pattern
@@ -104,7 +106,7 @@ from solvers.active_set.workspace import (
 from solvers.base import Answer, Form, Solver, Start, started, usable
 
 CROSSOVER = 48
-"""Columns up to which today's factorization is faster than an old R, dense or sparse.
+"""Columns up to which today's factorization is faster than an old R, where A is sparse.
 
 Measured, µs per QP, on frictionless towers / walls of this many columns, as k: today's by normal
 equations, old R dense, old R sparse.  16: 2.7, 3.7, 10 / 2.2, 6.9, 9.3.  32 / 36: 7.8, 7.1, 12 /
@@ -118,13 +120,14 @@ Measured, µs per QP, warm, today's / sparse: tower of 20 with friction (45 colu
 50 with friction (75) 34 / 50, 80 columns of cubes in space 5 / 10, tower of 50 (100) 20 / 18.  But
 51 columns of a robot's joints, a share of 0.13, 17 / 11; 64 of walls, more than rows, 29 / 16.
 """
-COLD_CROSSOVER = 100
+COLD_CROSSOVER = 160
 """The same for a cold start, which has no pattern, no order of elimination and no R yet.
 
 Measured, µs per QP, sparse / by normal equations: heap of 57 columns 482 / 59, tower of 80
-458 / 76, tower of 67 with friction (dense) 468 / 117; pyramid of 128 761 / 1,630, wall of 136
-841 / 2,055.  A sparse A with more columns than rows stays sparse: there a load is spread over all
-contacts that share it, and the QPs that follow are soon done from that.
+458 / 76; with friction tower of 103 100 / 71, heap of 128 313 / 194, tower of 150 359 / 262; heap
+of 160 287 / 273, tower of 220 372 / 416.  A sparse A with more columns than rows stays sparse:
+there a load is spread over all contacts that share it, and the QPs that follow are soon done from
+that.
 """
 FULL = 0.25
 """Share of entries beyond which a sparse A is solved as a dense one.
@@ -132,6 +135,15 @@ FULL = 0.25
 Measured, µs, dense / sparse, cold, of random A with half of the entries: 30 by 100: 196 / 2,271,
 60 by 200: 518 / 17,205; with 0.15 of them 259 / 1,074 and 531 / 4,571.  But of cubes on each other,
 each with 12 of 60 entries, dense / sparse, warm: 120 columns 39 / 21.
+"""
+DENSE_CROSSOVER, FULL_CROSSOVER = MOST, 100
+"""The same as `CROSSOVER` where A is a dense array; and where it is full and the start warm.
+
+Measured, µs per QP, cold / warm, old R, by normal equations: with friction tower of 100 columns
+450 / 68, 46 / 37, pyramid of 180 2,825 / 716, 227 / 520, wall of 172 2,001 / 425, 395 / 305; cubes
+in space, 240 columns 2,627 / 192, 321 / 112; wall of 172 without friction 6,938 / 3,515,
+9,217 / 2,309.  But of random numbers, which are full, 200 by 120 1,530 / 166, 333 / 311, 300 by 240
+6,818 / 991, 1,763 / 1,652.
 """
 EXACT_KINDS = ("impulse", "minimum_norm")
 HANDED_OVER = CUSTOM | EXTRAPOLATED
@@ -175,11 +187,16 @@ def is_thin(A: Matrix) -> bool:
     return not isinstance(A, np.ndarray) and A.nnz <= THIN * A.shape[0] * A.shape[1]
 
 
+def is_full(A: Vector) -> bool:
+    """Whether a dense array might not as well be sparse."""
+    return bool(np.count_nonzero(A) > FULL * A.size)
+
+
 class Modes(NamedTuple):
     """The bits that the kernels are called with, but for `WARM`.
 
     small : for up to `crossover` columns, cold for up to `cold`, where A is thin for up to `thin`,
-        and for `EXACT_KINDS` of any size
+        where it is dense for up to `array`, or `full`, and for `EXACT_KINDS` of any size
     dense, sparse : for the others
     """
 
@@ -189,15 +206,19 @@ class Modes(NamedTuple):
     crossover: int
     cold: int
     thin: int
-
-    def few(self, k: int, warm: bool) -> bool:
-        """Whether columns are few, whatever A is."""
-        return k <= (self.crossover if warm else self.cold)
+    array: int
+    full: int
 
     def narrow(self, qp: ContactQP, warm: bool) -> bool:
-        """Whether columns are few."""
+        """Whether columns are few, of a sparse A."""
         k = qp.lower.size
-        return self.few(k, warm) or (k <= self.thin and is_thin(qp.A))
+        few = k <= (self.crossover if warm else self.cold)
+        return few or (k <= self.thin and is_thin(qp.A))
+
+    def factorizes(self, A: Vector, warm: bool) -> bool:
+        """Whether A, a dense array, is factorized anew at every QP."""
+        k = A.shape[1]
+        return k <= self.full or (k <= self.array and not (warm and is_full(A)))
 
     def dense_is_better(self, qp: ContactQP, warm: bool) -> bool:
         """Whether A is a dense array, or a sparse one that is solved as one."""
@@ -387,7 +408,7 @@ class ActiveSet(Solver):
         rows = usual("row_id", k) if row_id is None else distinct_ids(row_id, A)
         room = None if start is None else room_after(start, m, k)
         modes = self._modes
-        mode = UNCHECKED | (modes.small if modes.few(k, room is not None) else modes.dense)
+        mode = UNCHECKED | (modes.small if modes.factorizes(A, room is not None) else modes.dense)
         if room is None:
             room = make_workspace(m, k)
         else:
@@ -416,9 +437,8 @@ class ActiveSet(Solver):
 
     def _dense(self, qp: ContactQP, eps0: float, room: Workspace | None) -> Call:
         """The call of `algorithm_2`, its workspace a new one, or what it remembers."""
-        d, lower, modes = qp.d, qp.lower, self._modes
-        few = lower.size <= modes.crossover  # most are, and are spared a call
-        small = few or modes.narrow(qp, room is not None) or qp.kind in EXACT_KINDS
+        A, d, lower, modes = qp.dense_A, qp.d, qp.lower, self._modes
+        small = modes.factorizes(A, room is not None) or qp.kind in EXACT_KINDS
         mode = modes.small if small else modes.dense
         if room is None:
             room = make_workspace(d.size, lower.size)
@@ -426,7 +446,7 @@ class ActiveSet(Solver):
             mode |= WARM
         if mode & HANDED_OVER:
             self.hand_over(room, qp.t)
-        return (qp.dense_A, d, lower, qp.upper, qp.row_id, room.S, room.I, eps0, mode), room
+        return (A, d, lower, qp.upper, qp.row_id, room.S, room.I, eps0, mode), room
 
     def _sparse(
         self, qp: ContactQP, eps0: float, room: SparseWorkspace, kept: bool, warm: bool

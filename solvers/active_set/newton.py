@@ -31,6 +31,8 @@ from solvers.active_set.gram import (
 from solvers.active_set.settled import GO_ON, RIGHT, correct, leave, look_at
 from solvers.active_set.tolerances import NEAR_ZERO
 from solvers.active_set.workspace import (
+    ALONE,
+    ALONE_IN,
     CHANGES,
     COUNTS,
     DIRECTIONS,
@@ -54,7 +56,7 @@ from solvers.active_set.workspace import (
 )
 
 ZERO = SEARCH
-LEAST, MOST = 4, 128
+LEAST, MOST = 4, 256
 """Columns for which this is tried: of fewer a QR is as fast; of more H and its factors cost more
 than they save.  Nor is it where a start is warm and k > m: algorithm 2 mends that F sooner."""
 FEW, SHARE_OF_K, MANY, WARM_STEPS = 4, 0.5, 30, 8
@@ -68,19 +70,19 @@ Newton's steps see to it."""
 
 
 @kernel
-def solve_by_newton(A, d, lower, upper, row_id, S, I, mp, rounding_unit, warm, known):
+def solve_by_newton(A, d, lower, upper, row_id, S, I, mp, rounding_unit, warm, known, head):
     """Try to solve a QP; returns whether its KKT conditions hold, else whether row X holds what was
     reached, in row OLD_MEMBER the sets, and in row PREVIOUS that it is of this QP.
 
     warm : x and the sets of rows PREVIOUS are known
-    known : what is known of A (`gram`)
+    known, head : what is known of A, and how many of its rows are in B (`gram`)
     """
     m, k = A.shape
     counts = I[COUNTS]
     if known == NOTHING:
-        take_columns(A, d, S, mp)
-    take_gram(A, S, I, mp, known)
-    take_slopes(S, mp, k)
+        head = take_columns(A, d, S, I, mp)
+    take_gram(A, S, I, head, known)
+    take_slopes(S, I, mp, k, head)
     counts[FLOPS] += m * k * k
     objective = place(lower, upper, S, I, k, warm)
     choose_free(lower, upper, S, I, k, True)
@@ -98,7 +100,7 @@ def solve_by_newton(A, d, lower, upper, row_id, S, I, mp, rounding_unit, warm, k
         f, stopped, objective, left = newton_steps(lower, upper, S, I, m, k, objective, left, has_L)
         has_L = False
         if stopped == 0 and wrong_signs(lower, upper, S, I, k) == 0:
-            if refine_on_L(lower, upper, S, I, mp, k, f, rounding_unit):
+            if refine_on_L(lower, upper, S, I, mp, head, k, f, rounding_unit):
                 leave(row_id, lower, upper, S, I, k)
                 return True, True
             break
@@ -107,17 +109,19 @@ def solve_by_newton(A, d, lower, upper, row_id, S, I, mp, rounding_unit, warm, k
 
 
 @stage
-def take_slopes(S, mp, k):
+def take_slopes(S, I, mp, k, head):
     """Aᵀd into row V, what of Δ is taken for 0 into ZERO."""
     H0, d, size = N_FLOAT_ROWS + 2 * S.shape[1], S[FRESH], 0.0
     for i in range(mp):
         size += d[i] * d[i]
     for j in range(k):
         b, along = S[N_FLOAT_ROWS + j], 0.0
-        for i in range(mp):
+        for i in range(head):
             along += b[i] * d[i]
         S[V, j] = along
         S[ZERO, j] = NEAR_ZERO * sqrt(size * S[H0 + j, j])
+    for i in range(head, mp):
+        S[V, I[ALONE_IN, i]] += S[ALONE, i] * d[i]
 
 
 @stage
@@ -321,11 +325,13 @@ def wrong_signs(lower, upper, S, I, k):
 
 
 @stage
-def refine_on_L(lower, upper, S, I, mp, k, f, rounding_unit):
+def refine_on_L(lower, upper, S, I, mp, head, k, f, rounding_unit):
     """As `settled.refine` on an F whose L is there; whether the KKT conditions hold to rounding."""
     tried, slope_before = 0, 0.0
     while True:
-        found, slope = look_at(lower, upper, S, I, mp, k, f, tried, slope_before, rounding_unit)
+        found, slope = look_at(
+            lower, upper, S, I, mp, head, k, f, tried, slope_before, rounding_unit
+        )
         if found != GO_ON or not correct(lower, upper, S, I, f):
             return found == RIGHT
         slope_before = slope

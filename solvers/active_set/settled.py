@@ -25,6 +25,9 @@ from solvers.active_set.gram import (
     take_gram_of_free,
 )
 from solvers.active_set.workspace import (
+    ALONE,
+    ALONE2,
+    ALONE_IN,
     COUNTS,
     DIRECTIONS,
     FACTORIZATIONS,
@@ -54,8 +57,8 @@ RIGHT, GO_ON, GIVE_UP = range(3)
 
 @stage
 def solve_settled(A, d, lower, upper, row_id, S, I, rounding_unit):
-    """Try to solve a QP on the F of the one before; whether its KKT conditions hold, and what is
-    known of A (`gram`).
+    """Try to solve a QP on the F of the one before; whether its KKT conditions hold, what is known
+    of A, and how many of its rows are in B (`gram`).
 
     rounding_unit : rounding in Δ, in units of ‖ |A||x| + |d| ‖
 
@@ -64,10 +67,10 @@ def solve_settled(A, d, lower, upper, row_id, S, I, rounding_unit):
     m, k = A.shape
     counts, old_row, old_member = I[COUNTS], I[OLD_ROW], I[OLD_MEMBER]
     if counts[OLD_K] != k:
-        return False, NOTHING
+        return False, NOTHING, 0
     for j in range(k):
         if old_row[j] != row_id[j]:
-            return False, NOTHING
+            return False, NOTHING, 0
     x, old_x, member, free = S[Z], S[X], I[MEMBER], I[F]
     f = 0
     for j in range(k):
@@ -76,22 +79,22 @@ def solve_settled(A, d, lower, upper, row_id, S, I, rounding_unit):
             free[f] = j
             f += 1
             if lower[j] >= upper[j]:
-                return False, NOTHING
+                return False, NOTHING, 0
         elif side == AT_LOWER:
             value = lower[j]
         elif side == AT_UPPER:
             value = upper[j]
         if not lower[j] <= value <= upper[j] or abs(value) > 1e300:
-            return False, NOTHING
+            return False, NOTHING, 0
         x[j] = value
         member[j] = side
     if f > m:
-        return False, NOTHING
+        return False, NOTHING, 0
     mp = (m + LANES - 1) // LANES * LANES
-    take_columns(A, d, S, mp)
-    right, tried, known = refine(A, lower, upper, S, I, m, mp, k, f, rounding_unit)
+    head = take_columns(A, d, S, I, mp)
+    right, tried, known = refine(A, lower, upper, S, I, m, mp, head, k, f, rounding_unit)
     if not right:
-        return False, known
+        return False, known, head
     for i in range(DIRECTIONS, FLOPS + 1):
         counts[i] = 0
     counts[DIRECTIONS] = counts[FACTORIZATIONS] = 1 if tried else 0
@@ -100,11 +103,11 @@ def solve_settled(A, d, lower, upper, row_id, S, I, rounding_unit):
     if tried:
         counts[FLOPS] += m * f * f + f * f * f // 3
     leave(row_id, lower, upper, S, I, k)
-    return True, known
+    return True, known, head
 
 
 @stage
-def refine(A, lower, upper, S, I, m, mp, k, f, rounding_unit):
+def refine(A, lower, upper, S, I, m, mp, head, k, f, rounding_unit):
     """Newton's method on F with r from A itself; x of the other rows stays.
 
     Returns whether the KKT conditions hold to rounding, how many steps were made, and what is known
@@ -112,13 +115,15 @@ def refine(A, lower, upper, S, I, m, mp, k, f, rounding_unit):
     """
     tried, known, slope_before = 0, COLUMNS, 0.0
     while True:
-        found, slope = look_at(lower, upper, S, I, mp, k, f, tried, slope_before, rounding_unit)
+        found, slope = look_at(
+            lower, upper, S, I, mp, head, k, f, tried, slope_before, rounding_unit
+        )
         if found != GO_ON:
             return found == RIGHT, tried, known
         slope_before = slope
         tried += 1
         if tried == 1:
-            known = take_gram_of_free(A, S, I, mp)
+            known = take_gram_of_free(A, S, I, head, f)
             if factorize_gram(S, I, m, k, 0.0) < f:
                 return False, tried, known
             known |= HAS_L
@@ -127,7 +132,7 @@ def refine(A, lower, upper, S, I, m, mp, k, f, rounding_unit):
 
 
 @stage
-def look_at(lower, upper, S, I, mp, k, f, tried, slope_before, rounding_unit):
+def look_at(lower, upper, S, I, mp, head, k, f, tried, slope_before, rounding_unit):
     """r and Δ_F anew: `RIGHT`, the KKT conditions hold, `GO_ON`, or `GIVE_UP`; and ‖Δ_F‖, of
     columns of length 1.
 
@@ -135,14 +140,18 @@ def look_at(lower, upper, S, I, mp, k, f, tried, slope_before, rounding_unit):
     """
     H0, B0 = N_FLOAT_ROWS + 2 * S.shape[1], N_FLOAT_ROWS
     r, g, free = S[RESIDUAL], S[GRADIENT], I[F]
-    size_of_terms = residual_and_sizes(S, mp, k, FRESH, RESIDUAL)
+    size_of_terms = residual_and_sizes(S, I, mp, head, k, FRESH, RESIDUAL)
     if not size_of_terms < 1e150:
         return GIVE_UP, 0.0
     rounding = rounding_unit * size_of_terms
+    for j in range(k):
+        g[j] = 0.0
+    for i in range(head, mp):
+        g[I[ALONE_IN, i]] += S[ALONE, i] * r[i]
     slope = 0.0
     for c in range(f):
-        b, along, size = S[B0 + free[c]], 0.0, 0.0
-        for i in range(mp):
+        b, along, size = S[B0 + free[c]], g[free[c]], S[ALONE2, free[c]]
+        for i in range(head):
             along += b[i] * r[i]
             size += b[i] * b[i]
         g[free[c]] = along
@@ -151,7 +160,7 @@ def look_at(lower, upper, S, I, mp, k, f, tried, slope_before, rounding_unit):
             slope += along * along / size
     slope = sqrt(slope)
     if slope <= rounding * sqrt(max(f, 1)):
-        if not on_wrong_side(lower, upper, S, I, mp, k, rounding):
+        if not on_wrong_side(lower, upper, S, I, head, k, rounding):
             return RIGHT, slope
         if tried > 0 or f == 0:
             return GIVE_UP, slope
@@ -177,8 +186,10 @@ def correct(lower, upper, S, I, f):
 
 
 @stage
-def residual_and_sizes(S, mp, k, d_row, r_row):
-    """r = B z + d, from one row into another; returns ‖ |B||z| + |d| ‖.
+def residual_and_sizes(S, I, mp, head, k, d_row, r_row):
+    """r = A z + d, from one row into another; returns ‖ |A||z| + |d| ‖.
+
+    head : how many rows of A are in B, the others being in rows ALONE and ALONE_IN
 
     Four columns at a time: r and the sizes are fetched and put back a quarter as often.
     """
@@ -190,16 +201,20 @@ def residual_and_sizes(S, mp, k, d_row, r_row):
     for j in range(0, fours, 4):
         z0, z1, z2, z3 = z[j], z[j + 1], z[j + 2], z[j + 3]
         b0, b1, b2, b3 = S[B0 + j], S[B0 + j + 1], S[B0 + j + 2], S[B0 + j + 3]
-        for i in range(mp):
+        for i in range(head):
             t0, t1, t2, t3 = z0 * b0[i], z1 * b1[i], z2 * b2[i], z3 * b3[i]
             r[i] += (t0 + t1) + (t2 + t3)
             sizes[i] += (abs(t0) + abs(t1)) + (abs(t2) + abs(t3))
     for j in range(fours, k):
         value, b = z[j], S[B0 + j]
-        for i in range(mp):
+        for i in range(head):
             term = value * b[i]
             r[i] += term
             sizes[i] += abs(term)
+    for i in range(head, mp):
+        term = S[ALONE, i] * z[I[ALONE_IN, i]]
+        r[i] += term
+        sizes[i] += abs(term)
     total = 0.0
     for i in range(mp):
         total += sizes[i] * sizes[i]
@@ -207,13 +222,14 @@ def residual_and_sizes(S, mp, k, d_row, r_row):
 
 
 @stage
-def on_wrong_side(lower, upper, S, I, mp, k, rounding):
-    """Whether a row outside F ought to move, by more than rounding."""
+def on_wrong_side(lower, upper, S, I, head, k, rounding):
+    """Whether a row outside F ought to move, by more than rounding; row GRADIENT has its Δ but for
+    what the rows of B add."""
     x, r, member = S[Z], S[RESIDUAL], I[MEMBER]
     for j in range(k):
         if member[j] != FREE:
-            b, along, size = S[N_FLOAT_ROWS + j], 0.0, 0.0
-            for i in range(mp):
+            b, along, size = S[N_FLOAT_ROWS + j], S[GRADIENT, j], S[ALONE2, j]
+            for i in range(head):
                 along += b[i] * r[i]
                 size += b[i] * b[i]
             wrong = max(-along if x[j] < upper[j] else 0.0, along if x[j] > lower[j] else 0.0)

@@ -433,8 +433,8 @@ def test_one_direction_does_when_A_varies_slowly(boxes: int, redundant: bool) ->
 
 
 def test_hundreds_of_columns() -> None:
-    """k = 152: a cold solve and a warm one, which keeps the old R."""
-    first, second = smooth_sequence(51, False, length=2)
+    """k = 269: a cold solve and a warm one, which keeps the old R."""
+    first, second = smooth_sequence(90, False, length=2)
     solver = Glambda(accuracy=1e-9 * force_scale(first))
     cold = solver.solve(first)
     warm = solver.solve(second, cold)

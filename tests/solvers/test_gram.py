@@ -27,14 +27,14 @@ SIZES = [(3, 5), (8, 16), (12, 30), (20, 40), (24, 60), (40, 33)]
 
 @numba.njit
 def whole(A, d, S, I, mp):
-    gram.take_columns(A, d, S, mp)
-    gram.take_gram(A, S, I, mp, gram.NOTHING)
+    head = gram.take_columns(A, d, S, I, mp)
+    gram.take_gram(A, S, I, head, gram.NOTHING)
 
 
 @numba.njit
 def of_free(A, d, S, I, mp):
-    gram.take_columns(A, d, S, mp)
-    gram.take_gram_of_free(A, S, I, mp)
+    head = gram.take_columns(A, d, S, I, mp)
+    gram.take_gram_of_free(A, S, I, head, (I[MEMBER, : A.shape[1]] == FREE).sum())
     for j in range(A.shape[1]):
         S[N_FLOAT_ROWS + 2 * S.shape[1] + j, j] = (A[:, j] ** 2).sum()
 
@@ -55,7 +55,20 @@ def room_of(A: np.ndarray) -> tuple[Workspace, int]:
     return room, (m + LANES - 1) // LANES * LANES
 
 
-def matrix(seed: int, bodies: int, contacts: int, full: bool) -> np.ndarray:
+FORMS = [(False, False), (True, False), (False, True), (True, True)]
+"""Whether columns are full, and whether contacts are soft."""
+
+
+def matrix(seed: int, bodies: int, contacts: int, full: bool, soft: bool) -> np.ndarray:
+    A = hard_matrix(seed, bodies, contacts, full)
+    if not soft:
+        return A
+    rng = np.random.default_rng(seed)
+    softness = np.diag(rng.uniform(0.1, 1.0, contacts) * (rng.random(contacts) < 0.8))
+    return np.vstack((A[:, rng.permutation(contacts)], softness, softness[contacts // 2 :] * 2.0))
+
+
+def hard_matrix(seed: int, bodies: int, contacts: int, full: bool) -> np.ndarray:
     rng = np.random.default_rng(seed)
     if full:
         return rng.standard_normal((3 * bodies, contacts))
@@ -66,10 +79,10 @@ def matrix(seed: int, bodies: int, contacts: int, full: bool) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("bodies", "contacts"), SIZES)
-@pytest.mark.parametrize("full", [False, True])
+@pytest.mark.parametrize(("full", "soft"), FORMS)
 @pytest.mark.parametrize("seed", range(4))
-def test_products_of_columns(seed: int, bodies: int, contacts: int, full: bool) -> None:
-    A = matrix(seed, bodies, contacts, full)
+def test_products_of_columns(seed: int, bodies: int, contacts: int, full: bool, soft: bool) -> None:
+    A = matrix(seed, bodies, contacts, full, soft)
     m, k = A.shape
     room, mp = room_of(A)
     whole(A, np.zeros(m), room.S, room.I, mp)
@@ -81,12 +94,12 @@ def test_products_of_columns(seed: int, bodies: int, contacts: int, full: bool) 
 
 
 @pytest.mark.parametrize(("bodies", "contacts"), SIZES)
-@pytest.mark.parametrize("full", [False, True])
+@pytest.mark.parametrize(("full", "soft"), FORMS)
 @pytest.mark.parametrize("way", [whole, of_free])
 @pytest.mark.parametrize("seed", range(4))
-def test_solutions_on_F(seed: int, way, bodies: int, contacts: int, full: bool) -> None:
+def test_solutions_on_F(seed: int, way, bodies: int, contacts: int, full: bool, soft: bool) -> None:
     """Independent columns of those that are free, all others of them passive: F spans the same."""
-    A = matrix(seed, bodies, contacts, full)
+    A = matrix(seed, bodies, contacts, full, soft)
     m, k = A.shape
     room, mp = room_of(A)
     rng = np.random.default_rng(seed)

@@ -187,7 +187,7 @@ def test_what_does_not_lower_the_objective_is_taken_back() -> None:
 def test_columns_of_contacts_in_space_stay_sparse(width: int) -> None:
     """Twelve entries a column: A x is what the dense method finds."""
     rng = np.random.default_rng(width)
-    m, k = 160, 120
+    m, k = 240, 180
     A = np.zeros((m, k))
     for j in range(k):
         A[rng.choice(m, size=width if j % 3 else 3, replace=False), j] = 1.0

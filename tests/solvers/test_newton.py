@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from problems.qp import FREE, ContactQP
 from solvers.active_set import newton
 from solvers.active_set.glambda import Glambda
-from solvers.active_set.method import COLD_CROSSOVER, THIN_CROSSOVER
+from solvers.active_set.method import COLD_CROSSOVER, FULL_CROSSOVER, THIN_CROSSOVER
 from solvers.active_set.sparse.workspace import SparseWorkspace
 from solvers.active_set.workspace import (
     CHANGES,
@@ -19,7 +19,9 @@ from solvers.active_set.workspace import (
     LANES,
     MEMBER,
     OLD_MEMBER,
+    OLD_ORDER,
     PREVIOUS,
+    Workspace,
     X,
     make_workspace,
 )
@@ -43,7 +45,7 @@ def compiled(qp: ContactQP, x: np.ndarray | None = None):
         I[OLD_MEMBER, : qp.k] = FREE
     mp = (qp.m + LANES - 1) // LANES * LANES
     done, _ = newton.solve_by_newton(
-        *(qp.dense_A, qp.d, qp.lower, qp.upper, qp.row_id, S, I, mp, U, x is not None, 0)
+        *(qp.dense_A, qp.d, qp.lower, qp.upper, qp.row_id, S, I, mp, U, x is not None, 0, mp)
     )
     return S[X, : qp.k].copy(), I[MEMBER, : qp.k] == FREE, int(I[COUNTS, DIRECTIONS]), done, room
 
@@ -149,8 +151,8 @@ def test_a_start_beyond_all_bounds_is_no_start() -> None:
 def test_a_cold_start_of_some_columns_more_needs_no_pattern(k: int) -> None:
     """The next one, warm, makes it; both find the same A x as a dense matrix gives."""
     rng = np.random.default_rng(k)
-    A = contact_matrix(rng, 40, k)
-    qp = ContactQP(A, rng.standard_normal(120), np.zeros(k), np.full(k, np.inf))
+    A = contact_matrix(rng, 60, k)
+    qp = ContactQP(A, rng.standard_normal(180), np.zeros(k), np.full(k, np.inf))
     solver = Glambda(accuracy=1e-11)
     cold = solver.solve(qp)
     warm = solver.solve(qp, cold)
@@ -160,3 +162,23 @@ def test_a_cold_start_of_some_columns_more_needs_no_pattern(k: int) -> None:
     for solution in (cold, warm, dense):
         assert solution.found
         assert_same_force(qp, solution.x, A @ dense.x, 1e-9)
+
+
+@pytest.mark.parametrize("full", [False, True])
+def test_large_dense_arrays_are_factorized_anew_unless_full_and_warm(full: bool) -> None:
+    """An old R is of use where columns are full; both ways lead to the same A x."""
+    rng = np.random.default_rng(7)
+    m, k = 210, FULL_CROSSOVER + 20
+    A = rng.standard_normal((m, k)) if full else contact_matrix(rng, m // 3, k).toarray()
+    ends, d, last, twin = (np.zeros(k), np.full(k, np.inf)), rng.standard_normal(m), None, None
+    for step in range(4):
+        qp = ContactQP(A, d + 1e-3 * step * rng.standard_normal(m), *ends)
+        last = Glambda(accuracy=1e-11).solve(qp, last)
+        arrays = Glambda(accuracy=1e-11).solve_arrays(A, qp.d, *ends, start=twin)
+        twin = arrays
+        cold = Glambda(accuracy=1e-11).solve(qp)
+        assert last.found and cold.found
+        assert (arrays.x == last.x).all()
+        assert_same_force(qp, last.x, A @ cold.x, 1e-9)
+        keeps_R = isinstance(last.memory, Workspace) and last.memory.I[COUNTS, OLD_ORDER] >= 0
+        assert keeps_R == (full and step > 0)

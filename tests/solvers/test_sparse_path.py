@@ -269,18 +269,18 @@ def test_a_column_of_many_bodies_is_solved_by_the_dense_path() -> None:
 def test_columns_and_rows_of_zeros() -> None:
     """A column that does nothing keeps its 0; bodies that touch nothing join and leave."""
     rng = np.random.default_rng(8)
-    A = contact_matrix(rng, 60, 110).toarray()
-    A[:, [0, 7, 109]] = 0.0
-    qp = ContactQP(sp.csc_array(A), rng.standard_normal(180), np.zeros(110), np.full(110, np.inf))
+    A = contact_matrix(rng, 70, 170).toarray()
+    A[:, [0, 7, 169]] = 0.0
+    qp = ContactQP(sp.csc_array(A), rng.standard_normal(210), np.zeros(170), np.full(170, np.inf))
     solver = Glambda(accuracy=1e-10)
     last = None
-    for m in (180, 240, 180):
-        taller = sp.csc_array(np.vstack([A, np.zeros((m - 180, 110))]))
-        d = np.concatenate([qp.d, np.ones(m - 180)])
+    for m in (210, 270, 210):
+        taller = sp.csc_array(np.vstack([A, np.zeros((m - 210, 170))]))
+        d = np.concatenate([qp.d, np.ones(m - 210)])
         last = solver.solve(replace(qp, A=taller, d=d, D=np.ones(m)), last)
         assert last.found and isinstance(last.memory, SparseWorkspace)
         assert_kkt(qp, last.x, 1e-8)
-        assert not last.x[[0, 7, 109]].any()
+        assert not last.x[[0, 7, 169]].any()
 
 
 def test_a_chain_has_little_fill() -> None:
@@ -340,8 +340,8 @@ def test_sparse_and_dense_give_the_same_force(sizes: tuple[int, int, int], metho
 def test_an_unchanged_matrix_needs_no_new_factor() -> None:
     """As in a pass of the functional iteration; no row is at a bound, and L has much fill."""
     rng = np.random.default_rng(3)
-    A = contact_matrix(rng, 60, 150, reach=60)
-    qp = ContactQP(A, rng.standard_normal(180), np.full(150, -1e3), np.full(150, np.inf))
+    A = contact_matrix(rng, 80, 200, reach=80)
+    qp = ContactQP(A, rng.standard_normal(240), np.full(200, -1e3), np.full(200, np.inf))
     solver = Glambda(accuracy=1e-9)
     first = last = solver.solve(qp)
     for step in range(1, 4):  # the first solve may ask for a lower shift
@@ -412,7 +412,7 @@ def test_what_is_solved_is_as_accurate_as_was_asked(seed: int) -> None:
 
 def test_a_matrix_that_moves_is_factorized_for_a_minimum_norm() -> None:
     """And one that does not is not."""
-    qp = ridge_qp(7, 60, 150, 1e-4)
+    qp = ridge_qp(7, 70, 200, 1e-4)
     solver = Glambda()
     last = solver.solve(qp)
     last = solver.solve(replace(qp, d=1.001 * qp.d), last)
