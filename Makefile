@@ -105,22 +105,22 @@ floors: $(INSTALLED)
 
 test: $(INSTALLED)
 	$(BIN)/python -m harness.machine.kernels
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest -n auto --dist worksteal
 
 check: $(INSTALLED)
 	$(BIN)/python -m harness.machine.kernels
-	$(BIN)/python -m pytest -n auto -m "not slow"
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"
 
 rounding: $(INSTALLED)
 	$(BIN)/python -m tests.endurance.processors --run another -m harness.machine.kernels
-	$(BIN)/python -m tests.endurance.processors --run another -m pytest -n auto -m rounding
+	$(BIN)/python -m tests.endurance.processors --run another -m pytest -n auto --dist worksteal -m rounding
 
 oldest:
 	test -x .venv-oldest/bin/python || $(PYTHON) -m venv .venv-oldest
 	sed -n 's/^ *"\([A-Za-z0-9_-]*\)>=\([0-9.]*\)",$$/\1==\2/p' pyproject.toml > .venv-oldest/oldest.txt
 	.venv-oldest/bin/python -m pip install --quiet -c .venv-oldest/oldest.txt -e '.[dev]'
 	.venv-oldest/bin/python -m harness.machine.kernels
-	.venv-oldest/bin/python -m pytest -n auto
+	.venv-oldest/bin/python -m pytest -n auto --dist worksteal
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .
