@@ -88,6 +88,17 @@ def patterns() -> None:
     make_pattern(_band())
 
 
+def within_sparse() -> None:
+    """Some of what `sparse` comes to, for the lane that has less to do."""
+    from solvers.active_set.method import sparse_room
+    from solvers.active_set.sparse.interior import approach
+
+    A = _band()
+    if found := sparse_room(A, None):
+        room, _ = found
+        approach(room.pattern, room.Bx, room.Lx, room.S, room.I, A.shape[0], 0)
+
+
 def _band() -> Any:
     """A sparse A of so many columns that it is solved as one."""
     import scipy.sparse as sp
@@ -119,11 +130,16 @@ PARTS: dict[str, Callable[[], None]] = {
     "dense": dense,
     "sparse": sparse,
     "patterns": patterns,
+    "within sparse": within_sparse,
 }
-LANES = ("patterns", "steps"), ("within steps", "dense", "posing", "sparse")
+LANES = (
+    ("patterns", "within sparse", "steps", "posing"),
+    ("within steps", "dense", "sparse"),
+)
 """Parts that need each other, in the order in which one process compiles them; a lane a core.
-`patterns` are there before the other lane comes to `sparse`, which would compile them, too."""
-PART_OF = {"within steps": "steps", "patterns": "sparse"}
+`patterns` and `within sparse` are there before the other lane comes to `sparse`, which would
+compile them, too."""
+PART_OF = {"within steps": "steps", "patterns": "sparse", "within sparse": "sparse"}
 """Parts that are compiled with another one, which need not be named."""
 
 
@@ -184,7 +200,9 @@ def _mark(part: str) -> Path:
     if part == "posing":
         said.append((place.parents[2] / "solvers/adapters/normal_form.py").read_text("utf-8"))
     key = hashlib.sha256("\n".join(said).encode()).hexdigest()[:16]
-    sources = compiled.SOURCES if part in ("dense", "sparse", "patterns") else SOURCES
+    sources = (
+        compiled.SOURCES if part in ("dense", "sparse", "patterns", "within sparse") else SOURCES
+    )
     return cache_folder(sources) / f"{part}-{key}"
 
 
