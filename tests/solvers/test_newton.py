@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -26,7 +28,7 @@ from solvers.active_set.workspace import (
     make_workspace,
 )
 from tests.fakes.assertions import assert_kkt, assert_same_force, force_scale
-from tests.fakes.random_qps import KINDS, random_qp
+from tests.fakes.random_qps import KINDS, from_solution, random_qp
 from tests.solvers.numpy_twin.newton import projected_newton
 from tests.solvers.test_sparse_path import contact_matrix
 
@@ -162,6 +164,27 @@ def test_a_cold_start_of_some_columns_more_needs_no_pattern(k: int) -> None:
     for solution in (cold, warm, dense):
         assert solution.found
         assert_same_force(qp, solution.x, A @ dense.x, 1e-9)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_contacts_that_are_soft(seed: int) -> None:
+    """A ends with a diagonal, entries of which are 0, and with a row of zeros."""
+    rng = np.random.default_rng(seed)
+    k = 30
+    softness = np.diag(rng.uniform(0.05, 0.5, k) * (rng.random(k) < 0.9))
+    A = np.vstack((rng.standard_normal((9, k)), softness, np.zeros(k)))
+    x = np.where(rng.random(k) < 0.7, rng.uniform(0.1, 2.0, k), 0.0)
+    qp, Ax = from_solution(A, x, np.zeros(k), np.full(k, np.inf), rng, momentum=10.0)
+    found, _, _, done, _ = compiled(qp)
+    assert done  # else algorithm 2 would mend it
+    assert_same_force(qp, found, Ax, 1e-9)
+    solver, last = Glambda(accuracy=1e-11), None
+    for _ in range(4):
+        qp = replace(qp, d=qp.d + 0.05 * rng.standard_normal(qp.m))
+        last, cold = solver.solve(qp, last), solver.solve(qp)
+        assert last.found and cold.found
+        assert_kkt(qp, last.x, 1e-9)
+        assert_same_force(qp, last.x, qp.A @ cold.x, 1e-9)
 
 
 @pytest.mark.parametrize("full", [False, True])
