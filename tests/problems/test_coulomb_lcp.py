@@ -49,9 +49,11 @@ def test_lemke_says_where_there_is_no_solution():
     assert lemke(np.eye(2), np.zeros(2)).tolist() == [0.0, 0.0]
 
 
-@pytest.mark.parametrize(("number", "end"), [(7, 1.12), (27, 0.96)])
-def test_impulses_whose_passes_cycle_meet_both_laws(number, end, monkeypatch):
-    """Collisions of a heap at which the fixed-point passes wander between working sets."""
+def test_impulses_whose_passes_cycle_meet_both_laws(monkeypatch):
+    """Collisions of heaps at which the fixed-point passes wander between working sets.
+
+    Three heaps have some thirty of them; which ones hangs on rounding, so that one is enough.
+    """
     asked = []
 
     def look(hit, D, d):
@@ -60,20 +62,21 @@ def test_impulses_whose_passes_cycle_meet_both_laws(number, end, monkeypatch):
         return both
 
     monkeypatch.setattr(newton_coulomb, "coulomb_multipliers", look)
-    made = case(3, number)
-    heap = {**made.parameters, "mu_I": made.parameters["mu"], "bodies": 6 + number % 8}
-    run = simulate(
-        scene("rain", **heap),
-        make_solver("glambda"),
-        until=end,
-        impulses="newton_coulomb",
-        keep_qps=False,
-    )
-    assert run.t[-1] == pytest.approx(end)
+    for number in (71, 79, 135):
+        made = case(3, number)
+        heap = {**made.parameters, "mu_I": made.parameters["mu"], "bodies": 6 + number % 8}
+        run = simulate(
+            scene("rain", **heap),
+            make_solver("glambda"),
+            until=1.15,
+            impulses="newton_coulomb",
+            keep_qps=False,
+        )
+        assert run.t[-1] == pytest.approx(1.15)
+        impulses = [event.t for event in run.event_log if event.kind == "impulse"]
+        assert len(impulses) == run.counts["impulses"]
     hard = [found for found in asked if found[3] is not None]
     assert hard
-    impulses = [event.t for event in run.event_log if event.kind == "impulse"]
-    assert len(impulses) == run.counts["impulses"]
     for hit, D, d, (lam_N, lam_F) in hard:
         every = np.arange(len(hit.normals))
         rubs = np.arange(len(hit.frictions))
