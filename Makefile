@@ -17,6 +17,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+TESTS := pytest -n auto --dist worksteal
 
 FRICTION := results/recordings/fig4.h5 results/recordings/fig5.h5
 MODELS := mujoco:arm mujoco:gripper mujoco:pile mujoco:tumbling mujoco:walker
@@ -105,22 +106,22 @@ floors: $(INSTALLED)
 
 test: $(INSTALLED)
 	$(BIN)/python -m harness.machine.kernels
-	$(BIN)/python -m pytest -n auto --dist worksteal
+	$(BIN)/python -m $(TESTS)
 
 check: $(INSTALLED)
 	$(BIN)/python -m harness.machine.kernels
-	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"
+	$(BIN)/python -m $(TESTS) -m "not slow"
 
 rounding: $(INSTALLED)
 	$(BIN)/python -m tests.endurance.processors --run another -m harness.machine.kernels
-	$(BIN)/python -m tests.endurance.processors --run another -m pytest -n auto --dist worksteal -m rounding
+	$(BIN)/python -m tests.endurance.processors --run another -m $(TESTS) -m rounding
 
 oldest:
 	test -x .venv-oldest/bin/python || $(PYTHON) -m venv .venv-oldest
 	sed -n 's/^ *"\([A-Za-z0-9_-]*\)>=\([0-9.]*\)",$$/\1==\2/p' pyproject.toml > .venv-oldest/oldest.txt
 	.venv-oldest/bin/python -m pip install --quiet -c .venv-oldest/oldest.txt -e '.[dev]'
 	.venv-oldest/bin/python -m harness.machine.kernels
-	.venv-oldest/bin/python -m pytest -n auto --dist worksteal
+	.venv-oldest/bin/python -m $(TESTS)
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -81,22 +81,15 @@ def sparse() -> None:
             last = make_solver(name).solve(qp, last)
 
 
-def patterns() -> None:
-    """The order of elimination of a sparse A, which `sparse` comes to as well."""
-    from solvers.active_set.sparse.pattern import make_pattern
-
-    make_pattern(_band())
-
-
 def within_sparse() -> None:
-    """Some of what `sparse` comes to, for the lane that has less to do."""
-    from solvers.active_set.method import sparse_room
+    """Some of what `sparse` comes to, the order of elimination among it, for the other lane."""
     from solvers.active_set.sparse.interior import approach
+    from solvers.active_set.sparse.pattern import make_pattern
+    from solvers.active_set.sparse.workspace import make_sparse_workspace
 
     A = _band()
-    if found := sparse_room(A, None):
-        room, _ = found
-        approach(room.pattern, room.Bx, room.Lx, room.S, room.I, A.shape[0], 0)
+    room = make_sparse_workspace(A.shape[0], make_pattern(A))
+    approach(room.pattern, room.Bx, room.Lx, room.S, room.I, A.shape[0], 0)
 
 
 def _band() -> Any:
@@ -129,17 +122,12 @@ PARTS: dict[str, Callable[[], None]] = {
     "posing": posing,
     "dense": dense,
     "sparse": sparse,
-    "patterns": patterns,
     "within sparse": within_sparse,
 }
-LANES = (
-    ("patterns", "within sparse", "steps", "posing"),
-    ("within steps", "dense", "sparse"),
-)
-"""Parts that need each other, in the order in which one process compiles them; a lane a core.
-`patterns` and `within sparse` are there before the other lane comes to `sparse`, which would
-compile them, too."""
-PART_OF = {"within steps": "steps", "patterns": "sparse", "within sparse": "sparse"}
+LANES = ("within sparse", "steps", "posing"), ("within steps", "dense", "sparse")
+"""Parts that need each other, in the order in which one process compiles them; a lane a core.  What
+is within a part is there before the other lane comes to it, which would compile it, too."""
+PART_OF = {"within steps": "steps", "within sparse": "sparse"}
 """Parts that are compiled with another one, which need not be named."""
 
 
@@ -200,9 +188,7 @@ def _mark(part: str) -> Path:
     if part == "posing":
         said.append((place.parents[2] / "solvers/adapters/normal_form.py").read_text("utf-8"))
     key = hashlib.sha256("\n".join(said).encode()).hexdigest()[:16]
-    sources = (
-        compiled.SOURCES if part in ("dense", "sparse", "patterns", "within sparse") else SOURCES
-    )
+    sources = compiled.SOURCES if PART_OF.get(part, part) in ("dense", "sparse") else SOURCES
     return cache_folder(sources) / f"{part}-{key}"
 
 
