@@ -300,11 +300,13 @@ def factorize_gram(S, I, m, k, ridge):
 
 @stage
 def is_full(I, k):
-    """Whether most of L is not 0."""
-    total = 0
+    """Whether most of L is not 0; row EDGE is of the free rows only."""
+    total = rows = 0
     for o in range(k):
-        total += I[EDGE, o]
-    return 8 * total <= k * k
+        free = I[MEMBER, I[SORTED, o]] == FREE
+        total += I[EDGE, o] if free else 0
+        rows += free
+    return 8 * total <= rows * k
 
 
 @kernel

@@ -121,6 +121,23 @@ def test_solutions_on_F(seed: int, way, bodies: int, contacts: int, full: bool, 
     assert np.abs(room.S[P, :f] - expected).max() <= tolerance * np.abs(expected).max()
 
 
+@pytest.mark.parametrize(("bodies", "contacts"), SIZES)
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_hangs_on_what_a_room_held_before(seed: int, bodies: int, contacts: int) -> None:
+    A = matrix(seed, bodies, contacts, False, False)
+    m, k = A.shape
+    member = np.where(np.random.default_rng(seed).random(k) < 0.6, FREE, AT_LOWER)
+    found = []
+    for before in (0, 10**6):
+        room, mp = room_of(A)
+        room.I[:] = before
+        room.I[MEMBER, :k] = member
+        of_free(A, np.zeros(m), room.S, room.I, mp)
+        f = factorize_and_solve(room.S, room.I, m, k, np.ones(k))
+        found.append((room.I[F, :f].tolist(), room.I[FIRST, :f].tolist(), room.S[P, :f].tobytes()))
+    assert found[0] == found[1]
+
+
 def test_neighbours_are_eliminated_after_each_other() -> None:
     """A tower whose contacts come in any order has an L as narrow as one from the ground up."""
     bodies, k = 20, 40
