@@ -39,7 +39,7 @@ from solvers.active_set.gram import NOTHING
 from solvers.active_set.newton import LEAST, MOST, solve_by_newton
 from solvers.active_set.online_rule import forget, iterations_worth, keep_account
 from solvers.active_set.settled import residual_and_sizes, solve_settled
-from solvers.active_set.tolerances import ROUNDING, SHARE
+from solvers.active_set.tolerances import OUT_OF_PROPORTION, ROUNDING, SHARE, UNIT_ROUNDOFF
 from solvers.active_set.workspace import (
     AGE,
     BEFORE,
@@ -670,6 +670,38 @@ def enter(S, I, m, mp, f, entering, fresh, eps0, rounding, mode):
 
 
 @stage
+def noise_of_A(S, I, mp, f):
+    """What rounding of A_F may do to A x: ‖R⁻ᵀ e‖ with |e_c| = u |b_c|ᵀ|r| (Björck 1996, section
+    1.4.6), and signs by which it grows."""
+    R0, r, sums, total = N_FLOAT_ROWS + 2 * S.shape[1], S[RESIDUAL], S[V], 0.0
+    for c in range(f):
+        sums[c] = 0.0
+    for c in range(f):
+        b, size, before = S[N_FLOAT_ROWS + I[F, c]], 0.0, sums[c]
+        for i in range(mp):
+            size += abs(b[i] * r[i])
+        y = (UNIT_ROUNDOFF * size + abs(before)) / S[R0 + c, c]
+        y = y if before < 0.0 else -y
+        total += y * y
+        for later in range(c + 1, f):
+            sums[later] += S[R0 + later, c] * y
+    return sqrt(total)
+
+
+@stage
+def is_doubtful(S, I, mp, k, f, exact, eps0, rounding):
+    """Whether x is out of all proportion, as where columns of F differ by little and no bound holds
+    it, and no full step by today's Q and R has led to it, or rounding of A is more than eps0 and
+    `default_accuracy`."""
+    if f == 0 or rounding <= OUT_OF_PROPORTION * ROUNDING * row_length(S, mp, MOMENTUM):
+        return False
+    if not exact:
+        return True
+    take_gradient(S, mp, k, MOMENTUM)
+    return noise_of_A(S, I, mp, f) > max(eps0, default_accuracy(S, k))
+
+
+@stage
 def remember_R(S, I, m, f, fresh, age, mode):
     """What the next QP may use of R, and what its use has cost."""
     I[COUNTS, OLD_ORDER] = -1
@@ -772,6 +804,7 @@ def algorithm_2(A, d, lower, upper, row_id, S, I, eps0, mode):
             exact = fresh and (refining < inf or f == 0)
             passable = 100 if fresh else 2
             sound = left <= max(SHARE * eps0, passable * rounding) and rounding < inf
+            sound = sound and not is_doubtful(S, I, mp, k, f, exact, eps0, rounding)
             if sound or exact:
                 status = SOLVED if sound else INACCURATE
                 break

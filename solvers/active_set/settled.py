@@ -14,6 +14,7 @@ from math import sqrt
 
 from problems.qp import AT_LOWER, AT_UPPER, FREE, PASSIVE
 from solvers.active_set.compiled import stage
+from solvers.active_set.factorization import row_length
 from solvers.active_set.flops import product_flops, triangular_flops
 from solvers.active_set.gram import (
     COLUMNS,
@@ -24,6 +25,7 @@ from solvers.active_set.gram import (
     take_columns,
     take_gram_of_free,
 )
+from solvers.active_set.tolerances import OUT_OF_PROPORTION
 from solvers.active_set.workspace import (
     ALONE,
     ALONE2,
@@ -160,6 +162,8 @@ def look_at(lower, upper, S, I, mp, head, k, f, tried, slope_before, rounding_un
             slope += along * along / size
     slope = sqrt(slope)
     if slope <= rounding * sqrt(max(f, 1)):
+        if size_of_terms > OUT_OF_PROPORTION * row_length(S, mp, FRESH):
+            return GIVE_UP, slope
         if not on_wrong_side(lower, upper, S, I, head, k, rounding):
             return RIGHT, slope
         if tried > 0 or f == 0:

@@ -17,6 +17,8 @@ from problems.qp import ContactQP, Solution, Status, Vector
 
 UNIT_ROUNDOFF = 0.5 * float(np.finfo(np.float64).eps)
 RANK_TOL = 1e-10
+OUT_OF_PROPORTION = 0.99e4
+"""‖ |A||x| + |d| ‖, in units of ‖d‖: a little below `tolerances.OUT_OF_PROPORTION`."""
 
 
 def column_lengths(qp: ContactQP) -> Vector:
@@ -29,6 +31,12 @@ def noise(qp: ContactQP, x: Vector) -> float:
     """What rounding does to the g of unit columns."""
     sizes = np.abs(qp.dense_A) @ np.abs(x) + np.abs(qp.d)
     return (qp.m + qp.k + 1) * UNIT_ROUNDOFF * float(np.linalg.norm(sizes))
+
+
+def is_out_of_proportion(qp: ContactQP, x: Vector) -> bool:
+    """Whether x is as large as where columns differ by little more than rounding."""
+    sizes = np.abs(qp.dense_A) @ np.abs(x) + np.abs(qp.d)
+    return bool(np.linalg.norm(sizes) > OUT_OF_PROPORTION * np.linalg.norm(qp.d))
 
 
 def wrong_sign(qp: ContactQP, x: Vector) -> float:
@@ -64,10 +72,14 @@ def force_tolerance(qp: ContactQP, x: Vector, other: Vector, eps0: float) -> flo
 
 
 def assert_solved(qp: ContactQP, solution: Solution, eps0: float) -> Vector:
-    """The method ended by itself, within the bounds, with every sign right; returns x."""
+    """The method ended by itself, within the bounds, with every sign right; returns x.
+
+    Where x is out of all proportion it may call itself inaccurate.
+    """
     x = solution.x
-    assert solution.status is Status.SOLVED, f"{solution.status.name}: {solution.status_text}"
     assert x is not None and x.shape == (qp.k,)
+    ended = {Status.SOLVED} | ({Status.INACCURATE} if is_out_of_proportion(qp, x) else set())
+    assert solution.status in ended, f"{solution.status.name}: {solution.status_text}"
     assert ((qp.lower <= x) & (x <= qp.upper)).all(), "x is out of its bounds"
     wrong, allowed = wrong_sign(qp, x), sign_tolerance(qp, x, eps0)
     assert wrong <= allowed, f"a gradient is wrong by {wrong:.2e} > {allowed:.2e}"

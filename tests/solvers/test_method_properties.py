@@ -26,7 +26,7 @@ from tests.fakes.qp_strategies import (
     sparse_qps,
     yesterday,
 )
-from tests.fakes.random_qps import INF
+from tests.fakes.random_qps import INF, from_solution
 
 seeds = st.integers(0, 2**32 - 1)
 RELATIVE = 1e-9
@@ -125,6 +125,26 @@ def test_nearly_dependent_columns() -> None:
         qp = ContactQP(A, 300.0 * rng.standard_normal(5), lower, upper)
         for method in METHODS:
             solved(qp, method)
+
+
+def test_an_answer_that_rounding_has_made_is_not_called_solved() -> None:
+    """Half of the columns are there twice, but for 1e-11 of them, and nothing holds half of x: it
+    becomes 1e10, and A x anything, while A_Fᵀ r is as small as rounding leaves it."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        m, k, half = 60, 40, 20
+        A = rng.standard_normal((m, k))
+        A[:, half:] = A[:, :half] + 1e-11 * rng.standard_normal((m, half))
+        lower = np.where(rng.random(k) < 0.5, 0.0, -INF)
+        held = (rng.random(k) < 0.4) & (lower == 0.0)
+        x = np.where(held, 0.0, rng.uniform(0.1, 0.4, k))
+        qp, expected = from_solution(A, x, lower, np.full(k, INF), rng, momentum=1.0)
+        for method in METHODS:
+            solution = None
+            for _ in range(2):  # cold, and from what there was
+                solution = run(qp, method, solution)
+                error = np.linalg.norm(qp.A @ solution.x - expected)
+                assert solution.status is not Status.SOLVED or error <= 1e-6 * np.linalg.norm(qp.d)
 
 
 # Where it starts does not matter
