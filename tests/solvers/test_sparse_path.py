@@ -421,3 +421,32 @@ def test_a_matrix_that_moves_is_factorized_for_a_minimum_norm() -> None:
     moved.data = moved.data * (1 + 1e-7)
     last = solver.solve(replace(qp, A=moved), last)
     assert last.work is not None and last.work.qr_factorizations == 1
+
+
+def twice(seed: int, near: float) -> ContactQP:
+    """A sparse QP whose columns are there twice, but for a share `near` of their entries."""
+    rng, m, half = np.random.default_rng(seed), 480, 81
+    rows = np.concatenate([rng.choice(m, 3, replace=False) for _ in range(half)])
+    indices = rows, np.repeat(np.arange(half), 3)
+    once = sp.csc_array((rng.standard_normal(3 * half), indices), shape=(m, half))
+    again = once.copy()
+    again.data *= 1 + near * rng.standard_normal(again.nnz)
+    k = 2 * half
+    lower = np.where(rng.random(k) < 0.8, 0.0, -np.inf)
+    upper = np.where(rng.random(k) < 0.5, 1.0, np.inf)
+    A = sp.csc_array(sp.hstack([once, again]))
+    return ContactQP(A, 1e3 * rng.standard_normal(m), lower, upper)
+
+
+def test_columns_that_hardly_differ_are_told_apart_by_qr(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Which L of A_FᵀA_F, in whose pivots such a difference is squared, does not do for all."""
+    qps = [twice(seed, near) for seed in range(4) for near in (1e-4, 1e-5)]
+    for qp in qps:
+        solution = make_solver("glambda", accuracy=1e-9 * force_scale(qp)).solve(qp)
+        dense = make_solver("glambda", accuracy="default").solve(replace(qp, A=qp.dense_A))
+        assert solution.found, solution.status_text
+        error = np.linalg.norm(qp.A @ (solution.x - dense.x))
+        assert error <= 1e-8 * force_scale(qp)  # both to 1e-9, and then some
+    monkeypatch.setattr("solvers.active_set.method.BY_QR", 0)
+    solver = make_solver("glambda", accuracy="default")
+    assert not all(solver.solve(qp).found for qp in qps)
