@@ -27,16 +27,19 @@ def column_lengths(qp: ContactQP) -> Vector:
     return np.where(norms > 0, norms, 1.0)
 
 
+def size_of_terms(qp: ContactQP, x: Vector) -> float:
+    """‖ |A||x| + |d| ‖."""
+    return float(np.linalg.norm(np.abs(qp.dense_A) @ np.abs(x) + np.abs(qp.d)))
+
+
 def noise(qp: ContactQP, x: Vector) -> float:
     """What rounding does to the g of unit columns."""
-    sizes = np.abs(qp.dense_A) @ np.abs(x) + np.abs(qp.d)
-    return (qp.m + qp.k + 1) * UNIT_ROUNDOFF * float(np.linalg.norm(sizes))
+    return (qp.m + qp.k + 1) * UNIT_ROUNDOFF * size_of_terms(qp, x)
 
 
 def is_out_of_proportion(qp: ContactQP, x: Vector) -> bool:
     """Whether x is as large as where columns differ by little more than rounding."""
-    sizes = np.abs(qp.dense_A) @ np.abs(x) + np.abs(qp.d)
-    return bool(np.linalg.norm(sizes) > OUT_OF_PROPORTION * np.linalg.norm(qp.d))
+    return size_of_terms(qp, x) > OUT_OF_PROPORTION * float(np.linalg.norm(qp.d))
 
 
 def wrong_sign(qp: ContactQP, x: Vector) -> float:
@@ -71,14 +74,17 @@ def force_tolerance(qp: ContactQP, x: Vector, other: Vector, eps0: float) -> flo
     return eps0 + both * float(np.sqrt(T.sum())) / float(sigma[-1])
 
 
-def assert_solved(qp: ContactQP, solution: Solution, eps0: float) -> Vector:
+def assert_solved(
+    qp: ContactQP, solution: Solution, eps0: float, *, dependent: bool = False
+) -> Vector:
     """The method ended by itself, within the bounds, with every sign right; returns x.
 
-    Where x is out of all proportion it may call itself inaccurate.
+    dependent : columns may be, to rounding; an x out of all proportion may be called inaccurate
     """
     x = solution.x
     assert x is not None and x.shape == (qp.k,)
-    ended = {Status.SOLVED} | ({Status.INACCURATE} if is_out_of_proportion(qp, x) else set())
+    doubt = dependent and is_out_of_proportion(qp, x)
+    ended = {Status.SOLVED} | ({Status.INACCURATE} if doubt else set())
     assert solution.status in ended, f"{solution.status.name}: {solution.status_text}"
     assert ((qp.lower <= x) & (x <= qp.upper)).all(), "x is out of its bounds"
     wrong, allowed = wrong_sign(qp, x), sign_tolerance(qp, x, eps0)
