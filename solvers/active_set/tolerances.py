@@ -30,6 +30,9 @@ OUT_OF_PROPORTION = 1e4
 In the paper's scenes, towers, walls and pyramids it is 7 at most, in a tower of n boxes up to n/3,
 in QPs that other programs have recorded 3,200; where columns differ by 1e-9 or less and no bound
 holds x, 1e5 and more."""
+OUT_OF_PROPORTION_SPARSE = 1e3
+"""The same for the largest entries of either: x is only looked at there, whose columns may depend
+on each other, and that of a tall tower is let pass."""
 
 # dependence, sparse: by Cholesky's L of A_FᵀA_F + shift
 DEPENDENT = 1e-11

@@ -45,6 +45,7 @@ from solvers.active_set.tolerances import NOISE
 from solvers.active_set.workspace import GRADIENT, LOWER, RESIDUAL, UPPER, P
 from tests.fakes.assertions import assert_kkt, force_scale
 from tests.fakes.grid import grid_qp
+from tests.fakes.random_qps import from_solution
 
 
 def contact_matrix(
@@ -450,3 +451,55 @@ def test_columns_that_hardly_differ_are_told_apart_by_qr(monkeypatch: pytest.Mon
     monkeypatch.setattr("solvers.active_set.method.BY_QR", 0)
     solver = make_solver("glambda", accuracy="default")
     assert not all(solver.solve(qp).found for qp in qps)
+
+
+def banded(rng: np.random.Generator, m: int, k: int) -> Vector:
+    """(m, k), each column of six entries below each other."""
+    A = np.zeros((m, k))
+    for j in range(k):
+        first = rng.integers(0, m - 6)
+        A[first : first + 6, j] = rng.standard_normal(6)
+    return A
+
+
+def test_an_answer_that_rounding_has_made_is_not_called_solved() -> None:
+    """Half of the columns are there twice but for 1e-9 to 1e-7 of them, and little holds x: from
+    where it has gone off to 1e5, A_Fᵀ r is as small as rounding leaves it and A x is not right."""
+    found = 0
+    for seed in (101, 102, 108, 113, 119):
+        rng, k, half = np.random.default_rng(seed), 400, 200
+        rng.choice(1)
+        A = banded(rng, 600, k)
+        near = 10.0 ** rng.uniform(-12.5, -6)
+        A[:, half:] = A[:, :half] * (1 + near * rng.standard_normal((600, half)))
+        lower = np.where(rng.random(k) < 0.5, 0.0, -np.inf)
+        x = np.where(rng.random(k) < 0.6, rng.uniform(0.1, 0.4, k), lower)
+        x[np.isinf(x)] = 0.1
+        upper = np.full(k, np.inf)
+        qp, expected = from_solution(A, x, lower, upper, rng, momentum=1.0, sparse=True)
+        for method in SPARSE_METHODS:
+            solution = make_solver(method).solve(qp)
+            error = np.linalg.norm(qp.A @ solution.x - expected)
+            assert not solution.found or error <= 1e-7 * np.linalg.norm(qp.d)
+            found += solution.found
+    assert found > 0
+
+
+def test_a_slope_within_rounding_is_refined_where_its_error_is_not() -> None:
+    """One column is there twice but for 1e-4 of it.  What rounding leaves of the gradient may be
+    1e-12 in A x, and full steps by L lessen that; hundreds of conjugate gradients have ended in
+    NaN."""
+    m, k, found, n = 1200, 400, 0, 20
+    free = np.full(k, -np.inf), np.full(k, np.inf)
+    for seed in range(n):
+        rng = np.random.default_rng(seed)
+        A = banded(rng, m, k)
+        A[:, -1] = A[:, 0] * (1 + 1e-4 * rng.standard_normal(m))
+        d = rng.standard_normal(m)
+        qp = ContactQP(sp.csc_array(A), d / np.linalg.norm(d), *free, eps0=3e-12)
+        expected = A @ np.linalg.lstsq(A, -qp.d, rcond=None)[0]
+        for method in SPARSE_METHODS:
+            solution = make_solver(method).solve(qp)
+            found += solution.found
+            assert np.linalg.norm(A @ solution.x - expected) <= 1e-11
+    assert found >= 0.9 * n * len(SPARSE_METHODS)  # 0.7 without; some are rounded badly

@@ -7,7 +7,7 @@ allows.  What the shift is for is said in `sparse_loop`.
 
 from __future__ import annotations
 
-from math import ceil, sqrt
+from math import ceil, cos, sqrt
 
 from solvers.active_set.compiled import kernel, stage
 from solvers.active_set.loop import (
@@ -76,6 +76,11 @@ LOWER_SHIFT, TOO_OLD = 1, 2
 MOST_FACTORS = 8
 """Factorizations for one direction: an old L's place is taken, the shift lowered from first to
 least, and something to spare."""
+INVERSE_ITERATIONS = 4
+"""Of inverse iteration, by which 1e-3 and more of ‖B_F v‖ becomes 1e-16 beside what is below."""
+REFINEMENTS = 8
+"""Conjugate gradient iterations with today's L without shift, which is right but for rounding: one
+or two lead to what rounding leaves, and hundreds of more from there on to overflow."""
 MOST_ITERATIONS = 200
 """Conjugate gradient iterations of one direction with today's L."""
 
@@ -172,6 +177,38 @@ def error_left(pattern, Lx, S, I):
     for c in range(pattern.order.size):
         total += y[c] * y[c]
     return sqrt(total)
+
+
+@kernel
+def error_hidden(pattern, Bx, Lx, S, I, m, rounding):
+    """‖A δx‖ that rounding may hide where columns of F all but depend on each other.
+
+    Along v, ‖v‖ = 1, of which ‖B_F v‖ is as small as it gets: a gradient on F says no more than
+    rounding/‖B_F v‖ about A x, and z itself no more than ‖z‖ ‖B_F v‖.  v by inverse iteration with
+    today's L, whose shift tells it from all that is independent.
+    """
+    k, inside, v, w = pattern.order.size, I[IN_F], S[Y], S[FRESH]
+    for c in range(k):
+        v[c] = cos(1.0 + c) if inside[c] else 0.0  # a start that favours none
+    for _ in range(INVERSE_ITERATIONS):
+        solve_L(pattern, Lx, v)
+        solve_LT(pattern, Lx, v)
+        total = 0.0
+        for c in range(k):
+            total += v[c] * v[c]
+        for c in range(k):
+            v[c] /= sqrt(total)
+    for i in range(m):
+        w[i] = 0.0
+    length = 0.0
+    for c in range(k):
+        length += S[Z, c] ** 2
+        if inside[c]:
+            add(pattern.Bi, Bx, c, v[c], w)
+    moved = 0.0
+    for i in range(m):
+        moved += w[i] * w[i]
+    return min(rounding / sqrt(moved), sqrt(length * moved)) if moved > 0.0 else 0.0
 
 
 @kernel
@@ -317,6 +354,8 @@ def direction(pattern, Bx, Lx, S, I, m, f, tolerance, rounding, mode):
             limit = 10.0 * f + 100
         elif todays:
             limit = ceil(2.0 * many) if S[REALS, SHIFT] > LEAST_SHIFT else MOST_ITERATIONS
+            if S[REALS, SHIFT] == 0.0:
+                limit = REFINEMENTS
         elif interval > 0 or mode & DEFERRED:
             limit = MOST_ITERATIONS
         enough = 0.0 if plain else enough_of(S, f, tolerance, rounding)

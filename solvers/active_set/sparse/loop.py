@@ -56,10 +56,12 @@ from solvers.active_set.sparse.cholesky import (
     dot,
 )
 from solvers.active_set.sparse.direction import (
+    INVERSE_ITERATIONS,
     MANY,
     conjugate_gradients_sparse,
     direction,
     enough_of,
+    error_hidden,
     error_left,
     factorize_sparse,
     follow,
@@ -77,7 +79,13 @@ from solvers.active_set.sparse.workspace import (
     LARGEST_SHIFT,
     WORK,
 )
-from solvers.active_set.tolerances import FIRST_SHIFT, LEAST_SHIFT, ROUNDING, SHARE
+from solvers.active_set.tolerances import (
+    FIRST_SHIFT,
+    LEAST_SHIFT,
+    OUT_OF_PROPORTION_SPARSE,
+    ROUNDING,
+    SHARE,
+)
 from solvers.active_set.workspace import (
     AGE,
     BEFORE,
@@ -121,6 +129,8 @@ from solvers.active_set.workspace import (
 TODAYS_A = 512
 """Bit of `mode`: L is of today's A, and the least shift will do.  The ridge of a minimum norm is as
 small, so that with an old L p is wrong along what has been the null space, by (angle)²/shift."""
+INSISTENCE = 3
+"""Full steps after which what is left of the gradient is taken for rounding."""
 LEAP_AFTER, LATER = 50, 4
 """Descent directions after which a leap is tried, and by what factor more after one in vain.
 
@@ -441,12 +451,20 @@ def choose_F(pattern, Bx, Lx, S, I, m, f, aim, rounding, mode):
 
 
 @stage
-def descend_sparse(pattern, Bx, Lx, S, I, m, f, aim, rounding, mode):
+def descend_sparse(pattern, Bx, Lx, S, I, m, f, aim, rounding, refine, mode):
     """Steps 3 to 6: a direction, and as much of it as is feasible, or more of it, cut off.
+
+    refine : whether the direction is today's L's alone
 
     Returns how many reached a bound, θ, whether A x moved, rounding, and the age of an L given up.
     """
-    age = direction(pattern, Bx, Lx, S, I, m, f, 0.5 * aim, rounding, mode)  # 3.
+    age = 0
+    if refine:
+        conjugate_gradients_sparse(pattern, Bx, Lx, S, I, m, 0.0, inf, 1, False)
+        I[COUNTS, CG_ITERATIONS] += 1
+        I[COUNTS, FLOPS] += iteration_flops(pattern, f, m, False)
+    else:
+        age = direction(pattern, Bx, Lx, S, I, m, f, 0.5 * aim, rounding, mode)  # 3.
     theta = ratio_test_sparse(S, I, pattern.order.size)  # 4.
     length = step_length(pattern, Bx, S, I, m, theta) if theta < 1.0 else theta
     reached = take_step_sparse(S, I, pattern.order.size, length)  # 5., 6.
@@ -489,6 +507,24 @@ def is_sound(pattern, Bx, Lx, S, I, f, left, eps0, mode):
         sound = error_left(pattern, Lx, S, I) <= eps0
         I[COUNTS, FLOPS] += 2 * pattern.entries
     return sound
+
+
+@stage
+def is_doubtful(pattern, Bx, Lx, S, I, m, eps0, rounding, mode):
+    """Whether x is out of proportion, as where columns of F differ by little and no bound holds it,
+    and rounding may hide more than eps0 and `default_accuracy`, or L is too old to tell."""
+    largest = 0.0
+    for i in range(m):
+        largest = max(largest, abs(S[MOMENTUM, i]))
+    in_proportion = rounding <= OUT_OF_PROPORTION_SPARSE * ROUNDING * largest
+    if in_proportion or S[REALS, SHIFT] == 0.0 or mode & NO_R:
+        return False
+    if not has_todays_L(I, pattern.order.size):
+        return True
+    I[COUNTS, FLOPS] += 4 * INVERSE_ITERATIONS * pattern.entries
+    hidden = error_hidden(pattern, Bx, Lx, S, I, m, rounding)
+    take_gradient_sparse(pattern, Bx, S, MOMENTUM)
+    return hidden > max(eps0, default_accuracy(S, pattern.order.size))
 
 
 @stage
@@ -539,6 +575,8 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
     refining = inf  # ‖B_Fᵀ r‖ before a full step on the same F; inf where F has changed
     status = OUT_OF_PASSES
     one_by_one, given_up = False, 0
+    # a slope within rounding is refined, now and then: the error that it stands for may not be
+    insisting, insisted = False, 0
     patience = passes if mode & (NO_R | SCRATCH | CUSTOM) else LEAP_AFTER
 
     while True:
@@ -547,11 +585,12 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
         slope, steepest = slope_on_F(S, I, k)
         aim = max(SHARE * eps0 / S[REALS, INVERSE_NORM], rounding)  # (3.20)
         # a slope that refinement does not halve is rounding
-        if slope > aim and steepest > rounding and slope < 0.5 * refining:
+        if insisting or (slope > aim and steepest > rounding and slope < 0.5 * refining):
             if passes <= 0:
                 break
             passes -= 1
             choosable = mode & ONLINE or S[REALS, SHIFT] <= LEAST_SHIFT
+            choosable = choosable and not insisting
             if refining == inf and choosable and I[COUNTS, DIRECTIONS] >= patience:
                 f, rounding, patience = choose_F(pattern, Bx, Lx, S, I, m, f, aim, rounding, mode)
                 one_by_one = False
@@ -559,8 +598,9 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
             if refining == inf:
                 I[COUNTS, DIRECTIONS] += 1
             reached, theta, moved, rounding, age = descend_sparse(
-                pattern, Bx, Lx, S, I, m, f, aim, rounding, mode
+                pattern, Bx, Lx, S, I, m, f, aim, rounding, insisting, mode
             )
+            insisting = False
             given_up = max(given_up, age)
             f -= reached
             if reached > 0 and moved and may_sweep(I, m, k, mode):
@@ -574,12 +614,19 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
         if worst <= aim:  # 9.
             S[REALS, WRONG] = left
             sound = is_sound(pattern, Bx, Lx, S, I, f, left, eps0, mode)
-            if sound or has_todays_L(I, k):
+            doubtful = sound and is_doubtful(pattern, Bx, Lx, S, I, m, eps0, rounding, mode)
+            sound = sound and not doubtful
+            todays = has_todays_L(I, k)
+            if sound or (todays and (doubtful or insisted == INSISTENCE)):
                 status = SOLVED if sound else INACCURATE
                 break
-            factorize_sparse(pattern, Bx, Lx, S, I, f)
+            if todays:
+                insisting = True
+                insisted += 1
+            else:
+                factorize_sparse(pattern, Bx, Lx, S, I, f)
+                unmark(I, k)
             refining = inf
-            unmark(I, k)
             continue
         if passes <= 0:
             break
