@@ -104,10 +104,12 @@ def posing() -> None:
     import numpy as np
     import scipy.sparse as sp
 
+    from problems.kernels.spread import compile_spread
     from problems.qp import ContactQP
     from solvers.adapters.normal_form import is_definite, is_one_sided
     from solvers.adapters.posed import pose
 
+    compile_spread()
     A, ends = np.array([[1.0], [0.5]]), (np.zeros(1), np.full(1, np.inf))
     for each in (A, sp.csc_array(A)):
         posed = pose(ContactQP(each, np.ones(2), *ends))

@@ -28,3 +28,12 @@ def dense_array(A: Any) -> NDArray[np.float64]:
     _SPREAD[A.indices.dtype](A.data, A.indices, A.indptr, dense)
     dense.setflags(write=False)
     return dense
+
+
+def compile_spread() -> None:
+    """Have it as machine code, of the cache or new, before the first call."""
+    for kind in _SPREAD:
+        data, rows, first = np.ones(1), np.zeros(1, kind), np.array([0, 1], kind)
+        for part in (data, rows, first):
+            part.setflags(write=False)
+        _SPREAD[kind](data, rows, first, np.zeros((1, 1)))

@@ -46,20 +46,20 @@ def test_the_command_tells_where_bodies_are_and_draws_them(tmp_path: Path):
 
 def test_pictures_and_films_show_balls_boxes_and_slopes(tmp_path: Path):
     for name in ("bowl", "slope"):
-        run = glambda.simulate(scene(name), until=0.05)
+        run = glambda.simulate(scene(name), until=0.02)
         assert plot_scene(run, tmp_path / f"{name}.svg", frames=2).stat().st_size > 3000
         assert animate_scene(run, tmp_path / f"{name}.gif", fps=10, speed=0.1).stat().st_size > 3000
 
 
 @pytest.fixture(scope="module")
 def tower() -> Recording:
-    return glambda.record("space_tower", until=0.05)
+    return glambda.record("space_tower", until=0.02)
 
 
 def test_a_recording_keeps_the_motion_and_is_drawn_as_the_run_is(
     tower: Recording, tmp_path: Path
 ) -> None:
-    path, run = tmp_path / "tower.h5", glambda.simulate("space_tower", until=0.05)
+    path, run = tmp_path / "tower.h5", glambda.simulate("space_tower", until=0.02)
     glambda.write_recording(path, tower)
     read = read_recording(path)
     assert read.digest == tower.digest and read.space is not None

@@ -6,37 +6,30 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, ClassVar
 from unittest.mock import patch
 
-import numpy as np
 import pandas as pd
 
 from harness.claims.checking import check
 from harness.claims.checks.motions import run_of
+from harness.claims.culprits import CULPRITS
 from harness.machine.kernels import import_path
 from harness.recordings.recording import Recording, write_recording
 from harness.results.shard_file import BY_CLOCK
 from harness.results.store import read_results
 from harness.study.record import recording_of
 from harness.study.replay import replay
-from problems.qp import ContactQP, Solution, Status, Timing
-from solvers import make_solver, registry
-from solvers.base import Answer, Solver, Start
+from solvers import registry
 
 LENGTH, SCENE = 12, 7
 """QPs of the recording, and the place of that at which something is done."""
 MEMORY = 0.5
 """That a solver may take [GiB]."""
 MAY_DIFFER = ("executor", *BY_CLOCK)
-PAD = 0.01
-"""CPU that is spent and not told [s]."""
-KEPT: list[Any] = []
 KILLED = """
 import os, signal, sys
 from harness.study.replay import replay
@@ -86,80 +79,6 @@ def differing(resume: bool) -> float:
     return float((written[0] != written[1]).sum())
 
 
-@dataclass(frozen=True)
-class Culprit(Solver):
-    """Right always, but for its deed at the QP of one time, or at each.
-
-    variant : that time [s] as it is printed, or "always"
-    """
-
-    variant: str = ""
-
-    name: ClassVar[str] = "culprit"
-
-    def build(self, qp: ContactQP, start: Start | None) -> ContactQP:
-        return qp
-
-    def setup(self, problem: ContactQP, asked: float | None, start: Start | None) -> ContactQP:
-        return problem
-
-    def run(self, native: ContactQP) -> Any:
-        if self.variant in ("always", str(native.t)):
-            self.deed()
-        return make_solver("glambda", accuracy=1e-13).solve(native).x
-
-    def read(self, qp: ContactQP, native: ContactQP, result: Any) -> Answer:
-        return Answer(result, Status.SOLVED)
-
-    def deed(self) -> None:
-        """Nothing."""
-
-
-@dataclass(frozen=True)
-class Crashes(Culprit):
-    """As a package with a wrong pointer does."""
-
-    def deed(self) -> None:
-        os.abort()
-
-
-@dataclass(frozen=True)
-class Hangs(Culprit):
-    """For ever."""
-
-    def deed(self) -> None:
-        while True:
-            time.sleep(1.0)
-
-
-@dataclass(frozen=True)
-class Leaks(Culprit):
-    """Until there is nothing left."""
-
-    def deed(self) -> None:
-        while True:
-            KEPT.append(np.zeros(2**23))
-
-
-@dataclass(frozen=True)
-class Lies(Culprit):
-    """About its time."""
-
-    def solve(self, qp: ContactQP, start: Solution | None = None) -> Solution:
-        found = super().solve(qp, start)
-        return replace(found, timing=Timing(0.0, 0.0, 1e-9)) if self.variant else found
-
-    def deed(self) -> None:
-        ends = time.process_time() + PAD
-        while time.process_time() < ends:
-            pass
-
-
-CULPRITS = {
-    cls.__name__.lower(): f"{__name__}:{cls.__name__}" for cls in (Crashes, Hangs, Leaks, Lies)
-}
-
-
 def _study(names: Sequence[str], variant: str) -> pd.DataFrame:
     """The rows of a study of culprits and an honest solver, each in a process of its own.
 
@@ -188,7 +107,7 @@ def lost(names: str, variant: str = "at") -> float:
 def disbelieved(variant: str) -> float:
     """Share of a solver's rows in which its own clock is not believed.
 
-    It spends `PAD` on each QP.  variant : "always" tells of a nanosecond, "" of what it took
+    It spends `culprits.PAD` on each QP.  variant : "always" tells of a nanosecond, "" of the truth
     """
     rows = _study(["lies"], variant)
     return float(1.0 - rows[rows["solver"] != "glambda"]["believed"].mean())
