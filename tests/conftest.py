@@ -4,8 +4,6 @@ They can be interrupted, and so can what they start, also where a shell began th
 and had them ignore SIGINT.  Which modules `make check` leaves out, and which `make rounding` runs
 once more, is said here.
 
-Figures are drawn with fewer dots than people want to see.
-
 A test process holds all that the tests before have imported, hundreds of megabytes.  Garbage
 collections, which passes begin with, would look through it again and again: what is there when a
 module of tests begins is set aside.
@@ -22,10 +20,8 @@ import pytest
 from hypothesis import settings
 
 from harness.machine.threads import ask_for_one_thread
-from reports.parts import style
 
 ask_for_one_thread()
-style.DPI = 100
 signal.signal(signal.SIGINT, signal.default_int_handler)
 settings.register_profile("same", derandomize=True, deadline=None)
 settings.load_profile("same")

@@ -140,6 +140,11 @@ class Direct:
         self.kernel = kernel
         self._code: Any = None
 
+    @property
+    def is_ready(self) -> bool:
+        """Whether its machine code has been loaded or made."""
+        return self._code is not None
+
     def __call__(self, *arguments: Any) -> Any:
         if self._code is None:
             signature = tuple(numba.typeof(argument) for argument in arguments)

@@ -18,22 +18,22 @@ def spread(data, rows, first, A):
             A[rows[e], j] = data[e]
 
 
-_SPREAD = {np.dtype(kind): Direct(spread) for kind in (np.int32, np.int64)}
+SPREAD = {np.dtype(kind): Direct(spread) for kind in (np.int32, np.int64)}
 """By the type of the indices."""
 
 
 def dense_array(A: Any) -> NDArray[np.float64]:
     """A (m, k), CSC without duplicates, as a read-only C array."""
     dense = np.zeros(A.shape)
-    _SPREAD[A.indices.dtype](A.data, A.indices, A.indptr, dense)
+    SPREAD[A.indices.dtype](A.data, A.indices, A.indptr, dense)
     dense.setflags(write=False)
     return dense
 
 
 def compile_spread() -> None:
     """Have it as machine code, of the cache or new, before the first call."""
-    for kind in _SPREAD:
+    for kind in SPREAD:
         data, rows, first = np.ones(1), np.zeros(1, kind), np.array([0, 1], kind)
         for part in (data, rows, first):
             part.setflags(write=False)
-        _SPREAD[kind](data, rows, first, np.zeros((1, 1)))
+        SPREAD[kind](data, rows, first, np.zeros((1, 1)))

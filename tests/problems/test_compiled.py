@@ -17,6 +17,7 @@ from problems.kernels.compiled import SOURCES, cache_folder
 from problems.kernels.numba_internals import in_place, known
 from problems.kernels.sources import defining, sources
 
+ROOT = Path(__file__).parents[2]
 KERNELS = """
 import os, sys
 from pathlib import Path
@@ -162,3 +163,19 @@ def test_what_stands_in_place_has_the_members_of_the_tuple() -> None:
 
     with pytest.raises(TypingError, match="place"):
         misspelt(Track(places, 3, 2.0))
+
+
+SERVER = """
+import harness.processes.our_kernels
+from problems.kernels.spread import SPREAD
+
+print(*(direct.is_ready for direct in SPREAD.values()))
+"""
+
+
+def test_what_makes_A_dense_is_there_before_processes_are_forked_to_solve() -> None:
+    """Each would load it, or where none may write to the cache compile it, which takes 0.7 s."""
+    done = subprocess.run(
+        [sys.executable, "-c", SERVER], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == ["True", "True"]
