@@ -468,7 +468,6 @@ def test_an_answer_that_rounding_has_made_is_not_called_solved() -> None:
     found = 0
     for seed in (101, 102, 108, 113, 119):
         rng, k, half = np.random.default_rng(seed), 400, 200
-        rng.choice(1)
         A = banded(rng, 600, k)
         near = 10.0 ** rng.uniform(-12.5, -6)
         A[:, half:] = A[:, :half] * (1 + near * rng.standard_normal((600, half)))

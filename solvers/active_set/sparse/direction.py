@@ -80,7 +80,7 @@ INVERSE_ITERATIONS = 4
 """Of inverse iteration, by which 1e-3 and more of ‖B_F v‖ becomes 1e-16 beside what is below."""
 REFINEMENTS = 8
 """Conjugate gradient iterations with today's L without shift, which is right but for rounding: one
-or two lead to what rounding leaves, and hundreds of more from there on to overflow."""
+or two lead to what rounding leaves, and hundreds from there on to overflow."""
 MOST_ITERATIONS = 200
 """Conjugate gradient iterations of one direction with today's L."""
 
@@ -353,9 +353,10 @@ def direction(pattern, Bx, Lx, S, I, m, f, tolerance, rounding, mode):
         if plain:
             limit = 10.0 * f + 100
         elif todays:
-            limit = ceil(2.0 * many) if S[REALS, SHIFT] > LEAST_SHIFT else MOST_ITERATIONS
             if S[REALS, SHIFT] == 0.0:
                 limit = REFINEMENTS
+            else:
+                limit = ceil(2.0 * many) if S[REALS, SHIFT] > LEAST_SHIFT else MOST_ITERATIONS
         elif interval > 0 or mode & DEFERRED:
             limit = MOST_ITERATIONS
         enough = 0.0 if plain else enough_of(S, f, tolerance, rounding)

@@ -575,7 +575,7 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
     refining = inf  # ‖B_Fᵀ r‖ before a full step on the same F; inf where F has changed
     status = OUT_OF_PASSES
     one_by_one, given_up = False, 0
-    # a slope within rounding is refined, now and then: the error that it stands for may not be
+    # a slope within rounding is refined where L is at hand: the error it stands for may not be
     insisting, insisted = False, 0
     patience = passes if mode & (NO_R | SCRATCH | CUSTOM) else LEAP_AFTER
 
@@ -589,8 +589,7 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
             if passes <= 0:
                 break
             passes -= 1
-            choosable = mode & ONLINE or S[REALS, SHIFT] <= LEAST_SHIFT
-            choosable = choosable and not insisting
+            choosable = not insisting and (mode & ONLINE or S[REALS, SHIFT] <= LEAST_SHIFT)
             if refining == inf and choosable and I[COUNTS, DIRECTIONS] >= patience:
                 f, rounding, patience = choose_F(pattern, Bx, Lx, S, I, m, f, aim, rounding, mode)
                 one_by_one = False
@@ -617,7 +616,8 @@ def sparse_algorithm_2(data, d, lower, upper, row_id, pattern, Bx, Lx, S, I, kep
             doubtful = sound and is_doubtful(pattern, Bx, Lx, S, I, m, eps0, rounding, mode)
             sound = sound and not doubtful
             todays = has_todays_L(I, k)
-            if sound or (todays and (doubtful or insisted == INSISTENCE)):
+            refinable = not (doubtful or mode & NO_R or insisted == INSISTENCE)
+            if sound or (todays and not refinable):
                 status = SOLVED if sound else INACCURATE
                 break
             if todays:
